@@ -38,10 +38,10 @@ cd data_samples/reef
 stereo-seecolor run --left left --right right --calib cam.yaml --out out
 ```
 
-![The commands, and what goes in and comes out of each](images/flow.svg)
+![The commands with their inputs and outputs](images/flow.svg)
 
 The examples on this page run in the folder of the sample dive, in this order. `stereo-seecolor COMMAND --help` prints the same
-options. `stereo-seecolor --install-completion` sets up completion with the Tab key for bash, zsh, fish and PowerShell.
+options. `stereo-seecolor --install-completion` installs Tab completion for bash, zsh, fish and PowerShell.
 
 | for | commands |
 | --- | --- |
@@ -50,10 +50,10 @@ options. `stereo-seecolor --install-completion` sets up completion with the Tab 
 EXIT_CODES = """
 | exit code | meaning |
 | --- | --- |
-| 0 | everything succeeded |
+| 0 | success |
 | 1 | a known error; one line says what is wrong, where, and what to do |
 | 2 | wrong usage |
-| 3 | finished, with problems that the command names: failed or unpaired images, numbers that are wrong by more than they state, frames that are missing from the map or not connected to it, poses that do not fit |
+| 3 | finished, with problems that the command names: failed or unpaired images, numbers that are wrong by more than their stated error, frames that are missing from the map or not connected to it, poses that do not fit |
 | 130 | interrupted |
 """  # noqa: E501
 
@@ -62,7 +62,7 @@ COMMON_COMMANDS = 4
 COMMON_HEAD = """
 ## Options of several commands
 
-They are described here once; *Also* at the end of a command says which of them it has.
+Several commands share these options; *Also* at the end of a command lists those that it has.
 """
 OPTIONS_HEAD = "| option | value | default | what it does |\n| --- | --- | --- | --- |"
 
@@ -75,8 +75,8 @@ stereo-seecolor run --left left --right right --calib cam.yaml --out out --set c
 
 ![The stages of a run and the section of the configuration that each reads](images/flow.svg)
 
-Every setting has a default that needs no tuning. Set one on the command line with `--set section.key=value` (repeatable), or
-several in a YAML file that `--config` names; `--set` wins over the file:
+The defaults need no tuning. Change a setting on the command line with `--set section.key=value` (repeatable), or
+several settings in a YAML file with `--config`; `--set` overrides the file:
 
 ```yaml
 color:
@@ -85,34 +85,34 @@ matching:
   max_range_m: 6
 ```
 
-All settings of a run are written to `OUT/run.json`, so that a run can be repeated: `--config OUT/run.json`. A setting that does
-not exist is refused, and the error suggests the nearest known one. A value out of range is refused, too.
+`run` writes all settings to `OUT/run.json`; `--config OUT/run.json` repeats the run. An unknown setting is
+an error that suggests the most similar known one. A value out of range is an error, too.
 
 ## Settings used most
 
 | setting | when to change it |
 | --- | --- |
-| `matching.min_range_m`, `matching.max_range_m` | to the nearest and farthest range of the dive: faster, and fewer wrong matches |
-| `color.lock` | `survey` for one water in all frames of a dive at one site; `frame` for unrelated frames |
-| `color.unknown_pixels` | `black` or `raw` where colors must not rest on ranges carried over from neighbors |
-| `input.timestamp_tolerance_s` | where left and right are paired by time stamps |
-| `input.flat_port` | for a rig that was calibrated in air and looks through flat windows |
+| `matching.min_range_m`, `matching.max_range_m` | set the nearest and farthest range of the dive: faster, and fewer wrong matches |
+| `color.lock` | `survey` for the same water parameters in all frames of a dive at one site; `frame` for unrelated frames |
+| `color.unknown_pixels` | `black` or `raw` if colors must not depend on the ranges of neighbors |
+| `input.timestamp_tolerance_s` | if left and right are paired by time stamps |
+| `input.flat_port` | for a rig behind flat windows that was calibrated in air |
 | `output.geometry` | `original` for corrected images in the pixels of the left camera as well |
-| `mapping.voxel_m`, `mapping.mount` | detail of the map; how the camera sits on the vehicle |
+| `mapping.voxel_m`, `mapping.mount` | detail of the map; pose of the camera on the vehicle |
 
 ## Color methods
 
-`color.method` chooses how the water is fitted. The settings of a method are a section of their own, without effect under others.
+`color.method` selects how the water is fitted. Each method has its own section of settings; other methods ignore it.
 
 | `color.method` | fit | settings |
 | --- | --- | --- |
 | `robust` (default) | physics with a white point, from quantiles of color over range | `color.robust` |
 | `paper` | DeepSeeColor as published: [its two networks, trained by Adam](lab/theory.md#the-papers-training) | `color.paper` |
 
-A key of an earlier version is refused, and the error names the new one: `color.objective` and `color.solver` are now `color.method`
+A key of an earlier version is an error that names the new key: `color.objective` and `color.solver` are now `color.method`
 (`objective=paper` and `method=paper-adam` are `method=paper`); `color.paper_adam` is `color.paper`;
-`color.white_point` is in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets how bright
-frames are shown.
+`color.white_point` is in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets the brightness
+of frames.
 
 ## All stages
 

@@ -51,7 +51,7 @@ Match = Callable[[StereoFrame], RangeMap]
 """The range map of a rectified pair."""
 
 AT_TYPICAL_RANGE = (
-    "no range is known: its colors are those of the dive's water at {:.2f} m, the typical range"
+    "no range is known: its colors are corrected for {:.2f} m, the typical range of the dive"
 )
 
 PAIR_BYTES_A_PIXEL = 68

@@ -89,7 +89,7 @@ def format_name(path: str | Path) -> str:
         if name := _format_of(document):
             return name
     raise CalibrationError(
-        f"{path}: is not a calibration known here; see docs/calibration.md for the formats"
+        f"{path}: is not a calibration of a known format; see docs/calibration.md for the formats"
     )
 
 
@@ -266,8 +266,8 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
         )
     keys = ", ".join(map(repr, list(document.content)[:6]))
     raise CalibrationError(
-        f"is not a calibration known here (its keys: {keys:.120}); see docs/calibration.md for the "
-        "formats"
+        f"is not a calibration of a known format (its keys: {keys:.120}); see "
+        "docs/calibration.md for the formats"
     )
 
 

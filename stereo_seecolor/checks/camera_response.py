@@ -69,7 +69,7 @@ def _notes(left: MeasuredResponse, right: MeasuredResponse) -> tuple[str, ...]:
     if len(decided) > 1:
         notes += (
             f"response: the left images are {left.verdict} and the right ones {right.verdict}: "
-            "were the two sides saved by different programs?",
+            "did different programs save the two sides?",
         )
     return notes
 

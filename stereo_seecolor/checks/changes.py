@@ -265,8 +265,8 @@ def _are_exchanged(
 
 def _exchanged_line(first: str, last: str) -> str:
     return (
-        f"{_named(first, last)}: left and right are exchanged: their rows fit the rig of the other "
-        "pairs with both sides exchanged, and not as given: exchange the files of these pairs"
+        f"{_named(first, last)}: left and right are exchanged: their rows fit the rig of the "
+        "other pairs only with both sides exchanged: exchange the files of these pairs"
     )
 
 
@@ -303,21 +303,23 @@ def _step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) -
             "right": f"the right images are {_percent(larger)} than before",
             "left": f"the left images are {_percent(1 / changes.scale - 1)} than before",
             "": f"the right images are {_percent(larger)} than before, or the left ones "
-            f"{_percent(1 / changes.scale - 1)}, motion does not show which",
+            f"{_percent(1 / changes.scale - 1)}; the motion does not show which",
         }[side]
-        cause = "rows fit that, and no offset or roll: focus or zoom of a lens moved"
+        cause = "the rows fit this, but no offset or roll: focus or zoom of a lens changed"
     else:
         what = (
-            f"the rows of the right images lie otherwise against the left ones, by "
+            "the rows of the right images have moved relative to the left ones, by "
             f"{changes.spread_px:.1f} px (root mean square over the image)"
         )
         cause = (
-            "an offset or a roll, no enlargement, and no exchange of sides: a camera was knocked "
-            "or mounted again, images are cut out otherwise, or pairs are of another rig from there"
+            "an offset or a roll, but no enlargement and no exchange of sides, explains this: a "
+            "camera was knocked or mounted again, images are cropped differently, or pairs come "
+            "from another rig from there"
         )
     return (
         f"from {here} on {what}: {cause}: ranges on one side of {here} are wrong by about "
-        f"{changes.range_error:.0%}: run both parts apart, each with a calibration of its own"
+        f"{changes.range_error:.0%}: process both parts separately, each with its own "
+        "calibration"
     )
 
 
@@ -333,24 +335,24 @@ def _each_line(pairs: Sequence[Pair], changes: Changes) -> str:
     )
     if changes.moments:
         cause = (
-            "near and far points move by different amounts: the sides are not of one moment, or "
-            "one moving camera took both"
+            "near and far points move by different amounts: the sides were not exposed at the "
+            "same moment, or one moving camera took both"
         )
     elif changes.scale == changes.scale:
         cause = (
-            "an enlargement of one side explains them, no offset or roll: focus or zoom of a lens "
-            "moves (autofocus)"
+            "an enlargement of one side explains this, but no offset or roll: focus or zoom of a "
+            "lens changes (autofocus)"
         )
     else:
         cause = (
-            "an offset and a roll of whole images, another for each pair, explain them, and near "
-            "and far points move alike: stabilization of one or both sides, or a loose camera; "
-            "sides of two moments while the cameras turn would look the same"
+            "a different offset and roll for each pair explain this, and near and far points "
+            "move equally: stabilization of one or both sides, or a loose camera; sides "
+            "exposed at different moments while the cameras rotate would look the same"
         )
     return (
-        f"{amount}: {cause}: where columns move as rows do, ranges are wrong by about "
-        f"{changes.range_error:.0%}, by another amount in each frame: record without stabilization "
-        "and with fixed focus, and trigger both cameras together"
+        f"{amount}: {cause}: if columns move like rows, ranges are wrong by about "
+        f"{changes.range_error:.0%}, by a different amount in each frame: record without "
+        "stabilization and with fixed focus, and trigger both cameras together"
     )
 
 
@@ -359,7 +361,8 @@ def odd_line(first: str, last: str) -> str:
     them.
     """
     return (
-        f"{_named(first, last)}: rows fit another rig than those of the other pairs, exchanged or "
-        "not: of another rig or dive, or not of one moment: left out of what the dive shares, to "
-        "be removed or run apart"
+        f"{_named(first, last)}: their rows do not fit the rig of the other pairs, exchanged or "
+        "not: they come from another rig or dive, or their sides were not exposed at the "
+        "same moment: not used for the refined rig, the light and the water; remove them, or "
+        "process them separately"
     )

@@ -84,19 +84,20 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     name = pairs[first].left.name
     if first == last:
         return (
-            f"{name}: its red and blue do not fit the images before and after, and would if they "
-            "were exchanged: it may hold them in each other's place, or be of another camera, "
-            "light or scene: look at it, and leave it out or bring it to the others' order"
+            f"{name}: its red and blue fit the images before and after only if they are "
+            "exchanged: its channels may be in another order, or it shows another camera, "
+            "light or scene: look at it, and leave it out or bring it to the order of the "
+            "others"
         )
     which = (
-        f"{name} and what follows"
+        f"{name} and the following images"
         if last == len(pairs) - 1
         else f"{name} to {pairs[last].left.name}"
     )
     return (
-        f"{which} ({counted(last - first + 1, 'image')}) hold red and blue in each other's place, "
-        f"compared with {pairs[first - 1].left.name} and before: bring all files to one order, or "
-        "run the parts apart, that one with --set input.channels=bgr"
+        f"{which} ({counted(last - first + 1, 'image')}) have red and blue exchanged, compared "
+        f"with {pairs[first - 1].left.name} and before: bring all files to one order, or "
+        "process the parts separately, that one with --set input.channels=bgr"
     )
 
 
@@ -179,10 +180,10 @@ def gray_side(images: DiveImages) -> DiveVerdict:
     if not looked_at:
         return NOTHING_FOUND
     note = (
-        f"input: the left images hold no color and the right ones do ({looked_at[0].left.name}): "
-        "true color is made of the left images, so that results are gray; ranges do not depend on "
-        "it: exchange --left and --right, and the cameras in the calibration with them, or give "
-        "left images in color"
+        "input: the left images have no color, but the right ones do "
+        f"({looked_at[0].left.name}): results have the colors of the left images, so they are "
+        "gray; ranges do not depend on it: exchange --left and --right, and the cameras in "
+        "the calibration with them, or give left images in color"
     )
     return DiveVerdict((note,), COLORS)
 
@@ -206,11 +207,10 @@ def shifted_mosaic(images: DiveImages) -> DiveVerdict:
             ):
                 name = getattr(images.pairs[0], side).name
                 note = (
-                    f"input: {side} images ({name}): red and blue are equal and green holds a "
-                    "lattice of rows and columns, as if a color mosaic (Bayer) was read one "
-                    "column or row off: exchanged channels or another light leave no lattice: "
-                    "convert the raw files again with the pattern shifted by one column (RGGB as "
-                    "GRBG), or for raw mosaics --set input.bayer=..."
+                    f"input: {side} images ({name}): red and blue are equal and green has a "
+                    "pattern of rows and columns, as if a Bayer mosaic was read one column "
+                    "or row off: convert the raw files again with the pattern shifted by one "
+                    "column (RGGB as GRBG), or for raw mosaics --set input.bayer=..."
                 )
                 return DiveVerdict((note,), COLORS if side == "left" else frozenset())
     return NOTHING_FOUND
@@ -237,11 +237,11 @@ def _is_off_by_one(image: Image) -> bool:
 # Images that a dive holds twice in a row, because a camera stalled or files were copied.
 
 BOTH = (
-    "both images are those of the pair before: the cameras stalled, or files were copied, and "
-    "their reef counts twice"
+    "both images are those of the previous pair: the cameras stalled, or files were copied, and "
+    "this part of the reef counts twice"
 )
 ONE = (
-    "the {} image is that of the pair before, and the other is not: a camera stalled, and "
+    "the {} image is that of the previous pair, and the other is not: a camera stalled, and "
     "ranges are wrong by the motion since"
 )
 
@@ -278,18 +278,18 @@ def form(images: DiveImages) -> DiveVerdict:
             content = read_image_bytes(pair.left)
             if content.startswith(TIFF_SIGNATURES) and (pages := tiff_pages(content)) > 1:
                 note = (
-                    f"input: {pair.left.name} holds {pages} pages, of which the first is read: "
-                    "save each as a file of its own"
+                    f"input: {pair.left.name} holds {pages} pages; only the first is read: save "
+                    "each page as a separate file"
                 )
                 return DiveVerdict((note,))
             if content.startswith(PNG_SIGNATURE) and _has_palette_of_colors(content):
                 rounded = (
-                    f"has a palette of {len(png_chunk(content, b'PLTE')) // 3} colors, to "
-                    "which its own were rounded"
+                    f"has a palette of {len(png_chunk(content, b'PLTE')) // 3} colors, so its "
+                    "colors were rounded"
                 )
                 note = (
-                    f"input: {pair.left.name} {rounded}: colors come out wrong; take the "
-                    "camera's own files"
+                    f"input: {pair.left.name} {rounded}: colors will be wrong; use the camera's "
+                    "original files"
                 )
                 return DiveVerdict((note,), COLORS)
     return NOTHING_FOUND
@@ -336,8 +336,8 @@ def compression(images: DiveImages) -> DiveVerdict:
             if quality is not None and quality < LEAST_QUALITY:
                 note = (
                     f"input: {pair.left.name} is a JPEG of quality {quality}: dark and turbid "
-                    "places may come out in blocks of "
-                    "color; take the camera's own files, or quality 90 and above"
+                    "areas may show blocks of color; use the camera's original files, or "
+                    "quality 90 and above"
                 )
                 return DiveVerdict((note,))
     return NOTHING_FOUND
@@ -356,8 +356,8 @@ def cut_out(images: DiveImages) -> DiveVerdict:
                 content = read_image_bytes(path)
                 if how := framing(content, image_size(content)):
                     note = (
-                        f"input: {path.name} {how}: ranges are right only with a calibration "
-                        "from pictures cut out and zoomed alike"
+                        f"input: {path.name} {how}: ranges are correct only with a calibration "
+                        "from images with the same crop and zoom"
                     )
                     return DiveVerdict((note,))
     return NOTHING_FOUND

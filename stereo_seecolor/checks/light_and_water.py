@@ -52,7 +52,10 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
     clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
     if clipped > LIMITS.clipped_fraction:
         return (
-            f"overexposed: {clipped:.0%} of it is clipped by the camera, its color not recoverable",
+            (
+                f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color "
+                "not recoverable"
+            ),
         )
     return ()
 
@@ -79,9 +82,9 @@ def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
     reddest = red > REDDER * green and green > blue
     if not (reddest and beta[0] < beta[1] < beta[2]):
         return ()
-    found = "the veiling light is reddest, and red is attenuated least, as in brown water alone"
+    found = "the backscatter is reddest, and red is attenuated least, as only in brown water"
     return (
-        f"water: {found}: if it was not brown, the files hold blue in the place of red: set "
+        f"water: {found}: if it was not brown, the files have red and blue exchanged: set "
         "input.channels=bgr",
     )
 
@@ -130,9 +133,9 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     said = f"water: red is attenuated by {red:.2g}/m, green by {green:.2g}/m"
     if given and np.nanmedian(rates[:, 0] / rates[:, 1]) < LEAST_RED_TO_GREEN:
         return (
-            f"{said}: red less than green, as in brown water alone: if it was not brown, the maps "
-            "hold near and far exchanged, as disparities and inverse depth do, or the images red "
-            "and blue (input.channels=bgr)",
+            f"{said}: red less than green, as only in brown water: if it was not brown, near and "
+            "far are exchanged in the range maps, as in disparities and inverse depth, or "
+            "red and blue in the images (input.channels=bgr)",
         )
     cause = (
         "the unit of the maps (input.range_units_per_m)"
@@ -141,19 +144,19 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     )
     if red + np.median([_red_std(water) for water in different]) < LEAST_RED:
         return (
-            f"{said}: the clearest water takes {LEAST_RED:.2g}/m of red, {LEAST_RED / red:.1f} "
-            f"times as much: ranges are too long by that or more ({cause}), or the images' values "
-            "are not the light that they are taken for (color.input_encoding, another tone "
-            "curve): colors alone do not tell which: measure a known length",
+            f"{said}: the clearest water attenuates red by {LEAST_RED:.2g}/m, "
+            f"{LEAST_RED / red:.1f} times as much: ranges are too long by this factor or more "
+            f"({cause}), or the encoding of the images is wrong (color.input_encoding, "
+            "another tone curve): colors alone do not show which: measure a known length",
         )
     lamps = np.median([min(water.fall_off / LAMPS_FALL_OFF, 1.0) for water in different])
     apart = float(np.nanmedian(rates[:, 0] - rates[:, 1])) / (MOST_RED_OVER_GREEN * (1.0 + lamps))
     if apart > 1:
         return (
-            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short by that "
-            f"or more ({cause}), or the images' values are not the light that they are taken for "
-            "(color.input_encoding: linear light read as encoded looks like that): colors alone do "
-            "not tell which: measure a known length",
+            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short by "
+            f"this factor or more ({cause}), or the encoding of the images is wrong "
+            "(color.input_encoding: linear light read as encoded has this effect): colors "
+            "alone do not show which: measure a known length",
         )
     return ()
 

@@ -147,13 +147,14 @@ def constant_shift(
         return None
     if one_camera:
         return (
-            f"both sides show one camera's pictures ({example}: it is the same): give the "
-            "other camera's images on one of the sides"
+            f"both sides show the images of one camera ({example}: it is the same): give the "
+            "images of the other camera for one side"
         )
     return (
-        f"left and right are {counted(abs(shifts.pop()), 'image')} out of step: {example}, alike "
-        f"in {counted(len(sample), 'pair')} over the dive: number both sides alike, or correct the "
-        "clock in the names of one (of videos: input.video_offset_s)"
+        f"left and right are {counted(abs(shifts.pop()), 'image')} out of synchronization: "
+        f"{example}, the same in {counted(len(sample), 'pair')} over the dive: number both "
+        "sides equally, or correct the clock in the names of one side (for videos: "
+        "input.video_offset_s)"
     )
 
 
@@ -181,7 +182,7 @@ def misfit_notes(
     ):
         return (slip,)
     return tuple(
-        f"{_fits(pair, other)}: are the sides numbered alike?"
+        f"{_fits(pair, other)}: do both sides have the same numbers?"
         for _, pair in misfits[:NOTED_MISFITS]
         if (other := _fitting(pair, pairs, rectification, config))
     )
@@ -215,9 +216,9 @@ def _slip(
     short, long = ("left", "right") if shift > 0 else ("right", "left")
     first, last, images = misfits[0][1].name, misfits[-1][1].name, counted(abs(shift), "image")
     return (
-        f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are "
-        f"{images} out of step: {_fits(pair, other)}; {short} lacks {images} before {first}, or "
-        f"{long} holds too many: number both sides alike from there on"
+        f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right "
+        f"are {images} out of synchronization: {_fits(pair, other)}; {short} lacks {images} "
+        f"before {first}, or {long} has too many: number both sides equally from there on"
     )
 
 
@@ -253,9 +254,9 @@ def _slips(
         else ""
     )
     return (
-        "left and right are out of step in several parts, as where each side lost images of its "
-        f"own: {', '.join(found)}{more}: "
-        "number both sides alike from the first of these on, or name the files by their times"
+        "left and right are out of synchronization in several parts, for example because both "
+        f"sides lost images: {', '.join(found)}{more}: number both sides equally from the "
+        "first of these on, or name the files by their times"
     )
 
 

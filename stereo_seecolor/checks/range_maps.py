@@ -78,7 +78,7 @@ def disparities(images: DiveImages) -> DiveVerdict:
         return NOTHING_FOUND
     evidence = (
         f"where its values are larger, images are redder (rank correlation {redder:+.2f}) and have "
-        f"more contrast ({clearer:+.2f}), and water takes both from what is farther away"
+        f"more contrast ({clearer:+.2f}), but water reduces both with distance"
         if by_water
         else f"all its values are whole numbers of 1/{FIXED_POINT} of a pixel, or of "
         f"{FIXED_POINT} units"
@@ -87,8 +87,8 @@ def disparities(images: DiveImages) -> DiveVerdict:
     return DiveVerdict(
         (
             f"range: {name} holds disparities or inverse depth, not ranges: {evidence}: convert "
-            "it first: range along the axis = focal length in pixels x baseline / disparity in "
-            f"pixels (of 16-bit files often the value / {FIXED_POINT} or / 256)",
+            "it first: range along the axis = focal length in pixels x baseline / disparity "
+            f"in pixels (in 16-bit files often the value / {FIXED_POINT} or / 256)",
         ),
         RANGES | COLORS,
     )

@@ -110,9 +110,8 @@ def _line(turned: Sequence[tuple[Pair, tuple[int, int]]], usual: tuple[int, int]
     path = (pair.left, pair.right)[side]
     return (
         f"{path.name} ({('left', 'right')[side]}): EXIF Orientation is {tags[side]}, and "
-        f"{usual[side]} of the other images of its side: "
-        f"{counted(len(turned), 'pair')} of such tags, from {pair.name} to "
-        f"{turned[-1][0].name}: they fit the rig of the other pairs only if they are not turned "
-        f"by their tag: left out: set the tag as in the others (exiftool -n -Orientation="
-        f"{usual[side]} on copies of these images)"
+        f"{usual[side]} in the other images of its side: {counted(len(turned), 'pair')} of "
+        f"such tags, from {pair.name} to {turned[-1][0].name}: they fit the rig of the other "
+        "pairs only without the rotation of their tag, and are left out: set the tag as in "
+        f"the other images (exiftool -n -Orientation={usual[side]} on copies of these images)"
     )

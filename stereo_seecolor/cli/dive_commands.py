@@ -68,13 +68,15 @@ def run(
     page: opt.LivePage = False,
     report: Report,
 ) -> None:
-    """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
+    """Compute range maps, true-color images and colored clouds from stereo pairs; optionally also a
+    a map.
+    """
     check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
-        raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
+        raise typer.BadParameter("--poses is used to make a map: give --fuse, too")
     if shard and out_mcap:
         raise typer.BadParameter(
-            "--out-mcap records a whole run made here: merge first, then export --to mcap"
+            "--out-mcap records a whole run, not a shard: merge first, then export --to mcap"
         )
     part = _part(shard, fuse)
     with ExitStack() as both_steps:  # the workers stay for the map
@@ -116,7 +118,8 @@ def run(
 def _part(shard: str, fuse: bool) -> Shard:
     if shard and fuse:
         raise typer.BadParameter(
-            "--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse"
+            "--shard processes a part of the dive, but --fuse needs all of it: merge "
+            "first, then fuse"
         )
     return opt.shard_of(shard)
 
@@ -130,9 +133,11 @@ def check_sources(
 ) -> None:
     """Raise typer.BadParameter unless a bag, or both sides and their calibration, are given."""
     if bag and (left or right):
-        raise typer.BadParameter("--bag holds both sides: give it, or --left and --right")
+        raise typer.BadParameter(
+            "--bag contains both sides: give either --bag, or --left and --right"
+        )
     if topics and not bag:
-        raise typer.BadParameter("--topics names topics of a bag: give --bag too")
+        raise typer.BadParameter("--topics names topics of a bag: give --bag, too")
     missing = [
         name
         for name, value in (("--left", left), ("--right", right), ("--calib", calib))
@@ -164,8 +169,8 @@ def correct(
         opt.option(
             "--range",
             "FOLDER",
-            "Folder of range maps of the same names: TIFF, PFM, EXR, NPY, NPZ, MAT; meters, "
-            "integers: mm.",
+            "Folder of range maps with the same names: TIFF, PFM, EXR, NPY, NPZ, MAT; "
+            "floating-point numbers are meters, integers millimeters.",
         ),
     ],
     out: opt.Out = Path("out"),
@@ -177,7 +182,7 @@ def correct(
     execution: opt.Execution,
     report: Report,
 ) -> None:
-    """Correct colors only, of images that already have range maps."""
+    """Correct only colors, of images that already have range maps."""
     from stereo_seecolor.commands.run import correct as correct_images
 
     with report.working() as listener:
@@ -200,7 +205,7 @@ def range_(
     execution: opt.Execution,
     report: Report,
 ) -> None:
-    """Make range maps only, in meters along the ray."""
+    """Compute only range maps, in meters along the ray."""
     from stereo_seecolor.commands.run import range_maps
 
     with report.working() as listener:
@@ -224,7 +229,7 @@ def rectify(
     execution: opt.Execution,
     report: Report,
 ) -> None:
-    """Rectify only: write the rectified images and their calibration."""
+    """Only rectify: write the rectified images and their calibration."""
     from stereo_seecolor.commands.run import rectify as rectify_pairs
 
     with report.working() as listener:
@@ -317,8 +322,8 @@ def report(
         bool,
         opt.flag(
             "--charts",
-            "Also search all frames for color charts (seconds a frame), and compare views of the "
-            "same spots.",
+            "Also search all frames for color charts (seconds per frame), and compare "
+            "views of the same spots.",
         ),
     ] = False,
     *,
@@ -344,8 +349,8 @@ def view(
     *,
     report: BareReport,
 ) -> None:
-    """Open the page of a run in the browser, or its map in a window (--window, or where there is no
-    page).
+    """Open the page of a run in the browser, or its map in a window (with --window, or if there is
+    no page).
     """
     from stereo_seecolor.commands.view import view as show
     from stereo_seecolor.commands.view import view_map

@@ -21,10 +21,10 @@ SIGNALS = [
 ]
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
 FIRST = (
-    "\nstereo-seecolor: stopping when the pairs under way are finished; Ctrl-C again stops at "
-    "once\n"
+    "\nstereo-seecolor: stopping when the current pairs are finished; Ctrl-C again stops "
+    "immediately\n"
 )
-SECOND = "\nstereo-seecolor: stopped at once\n"
+SECOND = "\nstereo-seecolor: stopped immediately\n"
 
 
 @contextmanager

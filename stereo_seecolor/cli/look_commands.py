@@ -1,4 +1,4 @@
-"""Commands that look and change nothing: inspect, doctor, config."""
+"""Commands that only read and print: inspect, doctor, config."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -37,7 +37,7 @@ Places = Annotated[
 
 @command("A dive", "inspect DIVE", "inspect left right stereo.mat")
 def inspect(places: Places, report: LoggedReport) -> None:
-    """Look at the files of a dive, say what they are, and print the run command for them; exit code
+    """Recognize the files of a dive, test some pairs, and print the run command for them; exit code
     3 if pairs do not match, or numbers of a run would be wrong.
     """
     from stereo_seecolor.commands.inspect import inspect as look
@@ -52,7 +52,7 @@ def inspect(places: Places, report: LoggedReport) -> None:
 
 
 def inspection_text(found: "Inspection") -> str:
-    """The files found and what sample pairs show, then notes, and last the run command."""
+    """The files, the measurements of sample pairs, notes, and the run command."""
     output = [
         f"left:  {found.sides.left}{_image_text(found.left)}",
         f"right: {found.sides.right}{_image_text(found.right)}",
@@ -141,7 +141,7 @@ Show = Annotated[bool, opt.flag("--show", "The default of this command; accepted
 
 @command("This program", "doctor")
 def doctor(report: BareReport) -> None:
-    """Check this machine: what is installed, what is missing, what that costs, and how to install
+    """Check the installation: what is installed, what is missing, what needs it, and how to install
     it.
     """
     from stereo_seecolor.commands.doctor import doctor as examine
@@ -166,7 +166,7 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
     verdict = (
         f"not ready: {', '.join(missing)} must be installed first"
         if missing
-        else "ready: all that a run needs is there"
+        else "ready: everything that a run needs is installed"
     )
     return lines(*output, verdict)
 

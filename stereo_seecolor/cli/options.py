@@ -1,8 +1,8 @@
 """Options that several commands share, each declared once: its type, its name and its help text;
 and groups of them.
 
-Options without a panel come first in the help of a command: those that everybody needs. The panels
-hold the rest.
+Options without a panel come first in the help of a command, since everybody needs them. The panels
+contain the other options.
 """
 
 import sys
@@ -73,7 +73,7 @@ Topics = Annotated[
     option(
         "--topics",
         "LIST",
-        "Image topics of the bag, if they are not found: left=NAME,right=NAME.",
+        "Image topics of the bag, if they are not recognized: left=NAME,right=NAME.",
         SETTINGS,
     ),
 ]
@@ -97,7 +97,7 @@ RefineRig = Annotated[
     bool,
     flag(
         "--refine",
-        "First estimate from pairs of the dive what has moved in the rig since its calibration "
+        "First refine the calibration on pairs of the dive, in case the rig has moved "
         "(input.refine).",
     ),
 ]
@@ -120,7 +120,7 @@ LivePage = Annotated[
     bool,
     flag(
         "--page",
-        "Write OUT/index.html while the run is under way; an open browser reloads it by itself.",
+        ("Update OUT/index.html during the run; the page in an open browser reloads itself."),
         REPORTING,
     ),
 ]
@@ -129,7 +129,7 @@ Device = Annotated[
     option(
         "--device",
         None,
-        "Where frames are matched and corrected; auto takes a GPU where one is (docs/gpu.md).",
+        ("Device for matching and correction; auto uses a GPU if there is one (docs/gpu.md)."),
         EXECUTION,
     ),
 ]
@@ -150,8 +150,8 @@ ShardOption = Annotated[
     option(
         "--shard",
         "I/N",
-        "Process only part I of N of the pairs, into an output folder of its own; merge joins "
-        "them (docs/fleets.md).",
+        "Process only part I of N of the pairs, into a separate output folder; merge "
+        "joins the parts (docs/fleets.md).",
         EXECUTION,
     ),
 ]

@@ -77,8 +77,8 @@ def write_out(text: str) -> None:
     except OSError as error:
         discard(sys.stdout)
         raise OutputError(
-            f"standard output cannot be written: {error.strerror or error}: make room, or send it "
-            "somewhere else"
+            f"standard output cannot be written: {error.strerror or error}: free disk space, or "
+            "redirect it"
         ) from error
 
 

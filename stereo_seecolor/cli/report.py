@@ -103,12 +103,10 @@ def logging_to(
 def _file_handler(path: Path, unwritten: list[str]) -> logging.Handler:
     try:
         if path.is_fifo():
-            raise OutputError(
-                f"--log-file {path}: is a named pipe, which waits for a reader: give another file"
-            )
+            raise OutputError(f"--log-file {path}: is a named pipe: give another file")
         if path.is_file() and path.stat().st_size and not is_log(path):
             raise OutputError(
-                f"--log-file {path}: is there already, and is not a log of this program: give "
+                f"--log-file {path}: already exists, and is not a log of this program: give "
                 "another name"
             )
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -171,7 +171,7 @@ def _totals(summary: "RunSummary") -> str:
 
 def page_text(page: Path) -> str:
     """A line that names the page."""
-    return lines(f"{page}: the page of the dive: open it in a browser")
+    return lines(f"{page}: the page of the dive; open it in a browser")
 
 
 def report_text(result: "PageSummary") -> str:

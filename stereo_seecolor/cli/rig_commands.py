@@ -21,8 +21,9 @@ Target = Annotated[
     opt.option(
         "--target",
         "TARGET",
-        "chessboard:9x6:24.23mm (inner corners), charuco:5X5_100:11x8:30mm:22mm (squares, marker), "
-        "aprilgrid:6x6:88mm:26.4mm (tags, space), or a target file of Kalibr.",
+        "chessboard:9x6:24.23mm (inner corners), charuco:5X5_100:11x8:30mm:22mm "
+        "(squares, marker), aprilgrid:6x6:88mm:26.4mm (tags, space), or a Kalibr target "
+        "file.",
     ),
 ]
 TargetLeft = Annotated[
@@ -36,7 +37,7 @@ CalibrationOut = Annotated[
     opt.option(
         "--out",
         "FILE",
-        "Calibration file to write; a picture of the coverage is written beside it.",
+        ("Calibration file to write; a picture of the coverage is written into the same folder."),
     ),
 ]
 Medium = Annotated[
@@ -50,19 +51,19 @@ Medium = Annotated[
 PrintTarget = Annotated[
     Path | None,
     opt.option(
-        "--print-target", "FILE", "Draw the target into this .pdf or .png and stop.", opt.SETTINGS
+        "--print-target", "FILE", "Write the target to this .pdf or .png and stop.", opt.SETTINGS
     ),
 ]
 Dpi = Annotated[int, opt.option("--dpi", "N", "Resolution of a .png target.", opt.SETTINGS, min=10)]
 Pairs = Annotated[
-    int, opt.option("--pairs", "N", "How many pairs to test, spread evenly over the dive.", min=1)
+    int, opt.option("--pairs", "N", "Number of pairs to test, spread evenly over the dive.", min=1)
 ]
 Refine = Annotated[
     Path | None,
     opt.option(
         "--refine",
         "FILE",
-        "Estimate what has moved since the calibration, and write the refined rig to this file.",
+        "Refine the calibration on the dive, and write the refined rig to this file.",
     ),
 ]
 Source = Annotated[
@@ -126,9 +127,7 @@ def calibrate(
             f"{print_target}: print it at 100 %, glue it flat, and measure it\n",
         )
     if left is None or right is None:
-        raise typer.BadParameter(
-            "give --left and --right, the folders of images (or --print-target)"
-        )
+        raise typer.BadParameter("give --left and --right, the image folders, or --print-target")
     with report.working() as listener:
         result = commands.calibrate(
             left, right, target, out, medium, RunOptions(workers, listener=listener)
@@ -196,12 +195,12 @@ def calibration_text(result: "CalibrationResult") -> str:
     return lines(
         *result.report.lines(),
         f"  {result.calibration}: the calibration",
-        f"  {result.coverage}: where in the images the corners lay",
+        f"  {result.coverage}: positions of the corners in the images",
     )
 
 
 def check_text(result: "CheckResult") -> str:
-    """A calibration tested on a dive: numbers of the rig, doubts, rows, and the refined rig."""
+    """Results of `check`: numbers of the rig, suspicions, rows, and the refined rig."""
     suspicious = (f"suspicious: {text}" for text in result.suspicions)
     notes = (f"note: {note}" for note in result.images.notes)
     output = [*_rig_lines(result.rig), *suspicious, *notes, *result.rows.lines()]
@@ -216,7 +215,7 @@ def check_text(result: "CheckResult") -> str:
 
 
 def _refined_lines(rows: "RowCheck | None") -> list[str]:
-    """What the motion and the rows say of the refined rig."""
+    """The motion and the advice of the row check for the refined rig."""
     return [rows.motion.line, *rows.advice] if rows else []
 
 
@@ -234,5 +233,5 @@ def _rig_lines(rig: "RigFacts") -> list[str]:
             f"flat port, exact at {rig.working_range_m:g} m; range error left elsewhere: {listed}"
         )
     elif rig.port == "dome":
-        output.append("dome port, taken to be centered on the cameras: nothing is corrected")
+        output.append("dome port, assumed to be centered on the cameras: no correction")
     return output

@@ -149,9 +149,9 @@ def convert_calib(
     notes = list(suspicions(replace(rig, alternatives=())))
     if rig.alternatives:
         notes.append(
-            f"{rig.reading}: taken, but the file can be read in {len(rig.alternatives) + 1} ways: "
-            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' lets "
-            "images of the dive decide"
+            f"{rig.reading}: used, but the file can be read in {len(rig.alternatives) + 1} ways: "
+            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' "
+            "lets images of the dive decide"
         )
     return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))
 

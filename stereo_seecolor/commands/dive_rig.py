@@ -76,8 +76,8 @@ def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
     if is_half(pair.left) and rig.left.image_size in ((2 * width, height), (width, 2 * height)):
         folder = pair.left.parents[2]
         raise InputError(
-            f"{folder}: is --left and --right, and its images show one side each: give the other "
-            "side's folder as --right"
+            f"{folder}: is given as --left and --right, but its images show one side each: give "
+            "the folder of the other side as --right"
         )
 
 

@@ -46,7 +46,7 @@ CORE = (
     Library("threadpoolctl", "threadpoolctl"),
     Library("PIL", "pillow"),
     Library("jinja2", "jinja2"),
-    Library("isal", "isal", without="nothing, but pictures are written in twice the time"),
+    Library("isal", "isal", without="all functions work, but writing images takes twice the time"),
 )
 EXTRAS = (
     Library(
@@ -63,7 +63,7 @@ EXTRAS = (
         "open3d",
         "open3d",
         "open3d",
-        "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)",
+        "no fusion by Open3D (mapping.engine=open3d), no map window (view --window)",
     ),
     Library(
         "skimage",
@@ -73,14 +73,14 @@ EXTRAS = (
     ),
     Library("OpenEXR", "openexr", "exr", "no range maps in OpenEXR files (correct --range)"),
     Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
-    Library("rosbags", "rosbags", "bags", "no ROS bags in (run --bag)"),
-    Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),
+    Library("rosbags", "rosbags", "bags", "no ROS bags as input (run --bag)"),
+    Library("mcap", "mcap", "bags", "no MCAP output (export --to mcap)"),
     Library("copclib", "copclib", "copc", "no point clouds as COPC (export --to copc)"),
     Library(
         "cyclonedds",
         "cyclonedds",
         "ros2",
-        "no ROS 2 topics in and out (live --left ros2:/..., --publish)",
+        "no ROS 2 topics as input and output (live --left ros2:/..., --publish)",
     ),
     Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
     Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),
@@ -90,7 +90,7 @@ EXTRAS = (
         "cryptography",
         "cryptography",
         "cluster",
-        "no own keys for a cluster's connections (--cluster)",
+        "no encrypted connections of a cluster (--cluster)",
     ),
     Library(
         "dask_jobqueue",
@@ -180,7 +180,7 @@ def _cuda() -> Finding:
     try:
         import torch
     except (ImportError, OSError):
-        return Finding("CUDA", True, "not looked for, torch is missing")
+        return Finding("CUDA", True, "not tested, because torch is missing")
     if torch.cuda.is_available():
         return Finding("CUDA", True, torch.cuda.get_device_name(0))
     return Finding("CUDA", True, "none; everything runs on the processor")

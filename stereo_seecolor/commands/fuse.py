@@ -198,7 +198,7 @@ def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
     if not stalled:
         return ()
     what = (
-        f"{counted(len(stalled), 'frame')} with an image of the frame before, the first: "
+        f"{counted(len(stalled), 'frame')} with an image of the previous frame, the first: "
         f"{stalled[0]}"
     )
     return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
@@ -240,7 +240,7 @@ class RawImages:
 
 def _kept_aside(folder: RunFolder) -> tuple[str, ...]:
     return tuple(
-        f"{path}: was in the earlier map and is not of this program; it is kept here"
+        f"{path}: was in the earlier map, but this program did not write it; it is kept here"
         for path in folder.owned.set_aside
     )
 
@@ -248,4 +248,4 @@ def _kept_aside(folder: RunFolder) -> tuple[str, ...]:
 def _stopped(run: FinishedRun) -> tuple[str, ...]:
     if run.state == "complete":
         return ()
-    return ("the run was stopped: pairs that it did not come to are not in the map",)
+    return ("the run was stopped: pairs that it did not process are not in the map",)

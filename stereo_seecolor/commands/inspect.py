@@ -48,7 +48,7 @@ from stereo_seecolor.records import Numbers
 # Files that were named to ``inspect`` and that it cannot use.
 
 NOT_KNOWN = (
-    "is not a trajectory that is known here",
+    "is not a trajectory of a known format",
     "is not a calibration",
     "cannot be parsed",
     "is not text",
@@ -86,10 +86,7 @@ def _line(file: Path) -> str:
         except (InputError, CalibrationError) as error:
             if not any(words in str(error) for words in NOT_KNOWN):
                 return f"not used: {error}"
-    return (
-        f"not used: {file}: is neither images, nor a calibration or trajectory of a format "
-        "that is known here"
-    )
+    return f"not used: {file}: is neither images, nor a calibration or trajectory of a known format"
 
 
 # Problems of how files became pairs, as ``inspect`` names them.
@@ -104,20 +101,20 @@ def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[
     problems = list(pairing.notes)
     if doubtful:
         problems.append(
-            f"no name shows which images are left, and {sides.left} and "
-            f"{sides.right} show too little in common to be the two sides: give them by hand, a "
-            "folder for each or a pattern ('*/im0.png' and '*/im1.png')"
+            f"no name identifies the left images, and {sides.left} and {sides.right} have too "
+            "little in common to be the two sides: name them yourself, with a folder for "
+            "each or a pattern ('*/im0.png' and '*/im1.png')"
         )
     elif sides.guessed:
-        problems.append("no name shows which side is left: the sides were used in order")
+        problems.append("no name identifies the left side: the sides were used in order")
     if pairing.unpaired:
         first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
         problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
     if sides.others:
         problems.append(
-            f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: "
-            f"{sides.others[0]}: each pair of them is a run of its own, which stereo-seecolor "
-            f"campaign does one after the other{_together(sides)}"
+            f"{counted(len(sides.others), 'folder')} with the same names are left out, the "
+            f"first: {sides.others[0]}: each pair of folders is a separate run; "
+            f"stereo-seecolor campaign runs them one after the other{_together(sides)}"
         )
     return tuple(problems)
 
@@ -277,8 +274,9 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
     )
     if left.bits == right.bits == FLOAT_BITS:
         raise InputError(
-            f"{sides.left} and {sides.right}: hold floating-point numbers, images need 8 or 16 "
-            "bits a channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times 65535)"
+            f"{sides.left} and {sides.right}: contain floating-point numbers, but images need 8 "
+            "or 16 bits per channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times "
+            "65535)"
         )
     if FLOAT_BITS in (left.bits, right.bits):
         command = shlex.join(
@@ -397,8 +395,8 @@ def _one_camera(sides: Sides, size: tuple[int, int]) -> tuple[str, ...]:
     if sides.left != sides.right or width >= height:
         return ()
     return (
-        f"{sides.left.name} is taken for both cameras side by side, {width}x{height} px each: "
-        "where it shows one camera alone, give the other camera's video too",
+        f"{sides.left.name} is read as both cameras side by side, {width}x{height} px each: if "
+        "it shows only one camera, give the video of the other camera, too",
     )
 
 
@@ -411,8 +409,8 @@ def _clocks(sides: Sides) -> tuple[str, ...]:
     if began[0] is None or began[1] is None:
         return (f"'run' finds the offset of the two videos; '{command}' prints it",)
     return (
-        f"by the cameras' own clocks the right video began {began[1] - began[0]:+.0f} s after the "
-        f"left one; 'run' finds the offset of their frames, and '{command}' prints it",
+        f"by the clocks of the cameras the right video began {began[1] - began[0]:+.0f} s after "
+        f"the left one; 'run' finds the offset of their frames, and '{command}' prints it",
     )
 
 
@@ -446,15 +444,15 @@ def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) 
     problems = []
     if len(found) > 1:
         names = ", ".join(one.path.name for one in found[:5])
-        problems.append(f"{len(found)} calibrations were found, the first was taken: {names}")
+        problems.append(f"{len(found)} calibrations were found, the first was used: {names}")
     if tested.facts:
         problems += tested.facts.suspicions
         if tested.mistake:
             problems.append(tested.mistake.line)
         elif not tested.fitting:
             problems.append(
-                "no sample pair shows one scene with this calibration: bring left and right images "
-                "of the same moments together first, or give the calibration of this rig"
+                "no sample pair shows one scene with this calibration: first pair left and right "
+                "images of the same moments, or give the calibration of this rig"
             )
         elif tested.rows is None:
             problems.append(

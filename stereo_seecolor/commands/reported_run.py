@@ -170,7 +170,7 @@ def _summary(
         for file in pairing.unpaired
     ]
     aside = [
-        f"{path}: was changed since the program wrote it, and is kept here"
+        f"{path}: was changed after the program wrote it, and is kept here"
         for path in run.folder.owned.set_aside
     ]
     failed = {name for name, error in run.table.failed.items() if NO_OVERLAP in error}

@@ -118,7 +118,7 @@ def _open_in_rerun(program: str, mesh: Path) -> None:
 
 
 def _open_in_open3d(mesh: Path) -> None:
-    library = open3d("a window onto the map")
+    library = open3d("a window with the map")
     window = library.visualization.Visualizer()
     if not window.create_window(window_name=str(mesh)):
         raise _no_screen(mesh)

@@ -81,7 +81,9 @@ class Shard:
         found = re.fullmatch(r"(\d+)/(\d+)", text)
         shard = cls(int(found[1]), int(found[2])) if found else cls(0)
         if not 1 <= shard.number <= shard.of:
-            raise ValueError(f"{text!r} is not a shard: write i/N with i from 1 to N, such as 2/8")
+            raise ValueError(
+                f"{text!r} is not a shard: write i/N with i from 1 to N, for example 2/8"
+            )
         return shard
 
     @property

@@ -42,13 +42,13 @@ class RunConfig(StageConfig):
     output: OutputConfig = OutputConfig()
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
-        description="Where engine sgm matches, and where pixels are counted and corrected; waters "
-        "are fitted on the processor. auto: a GPU where there is one.",
+        description="Device for matching with engine sgm, and for counting and correcting pixels; "
+        "the water is fitted on the processor. auto: a GPU if there is one.",
     )
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files that settings name."""
+        """The files that the settings name."""
         return tuple(_paths(self))
 
 

@@ -9,7 +9,7 @@ from stereo_seecolor.config.stage import StageConfig
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
 Fraction = Annotated[float, Field(ge=0, le=0.5)]
 STREAM_FRAMES = 20
-"""Frames that share one water in live, where no other number is set."""
+"""Number of frames that share water parameters in live, unless another number is set."""
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 """Three positive numbers, also given as a list."""
 
@@ -20,14 +20,14 @@ class RobustConfig(StageConfig):
     white_point: Literal["scene", "gray", "none"] | Rgb = Field(
         default="scene",
         description="The color of the light that arrives at the reef. scene: fitted with the "
-        "water, for a reef whose colors are warm on average, as sand and rock are. gray: the "
-        "same, for colors that are gray on average. none: white, as in the paper's model. Or the "
-        "known R, G, B, from a white card for example, in linear light, each from 0.0001 to 10000; "
-        "only their ratios count.",
+        "water, for a reef with warm colors on average, like sand and rock. gray: the same, "
+        "for colors that are gray on average. none: white, as in the paper's model. Or the "
+        "known R, G, B, for example from a white card, in linear light, each from 0.0001 to "
+        "10000; only their ratios count.",
     )
 
     daylight_depth_m: ClassVar[float | None] = None
-    """Depth of water that light came down through, meters; None: unknown."""
+    """Length of the light's path from the water surface down to the reef, meters; None: unknown."""
 
     @property
     def fits_white(self) -> bool:
@@ -46,7 +46,7 @@ class RobustConfig(StageConfig):
 
 
 class LampsConfig(RobustConfig):
-    """The same where lamps on the rig give most of the light: it came down through no water."""
+    """The same for a dive lit mainly by lamps on the rig: no light comes down from the surface."""
 
     daylight_depth_m: ClassVar[float | None] = 0.0
 
@@ -59,24 +59,27 @@ class PaperConfig(StageConfig):
     iterations: int = Field(
         default=500,
         ge=1,
-        description="Steps of both networks on a frame, or on frames that share one water.",
+        description=(
+            "Training steps of both networks on a frame, or on frames that share water parameters."
+        ),
     )
     iterations_per_frame: int = Field(
         default=20,
         ge=1,
-        description="Steps on a frame of a stream, from the water of the frame before: in live, "
-        "with a number as lock, and with lock frame where run finds that it shows the same spots. "
-        "live takes fewer where --budget-ms leaves no time for them.",
+        description="Training steps on a frame of a stream, starting from the water of the "
+        "previous frame: in live, with a number as lock, and with lock frame if run finds "
+        "that both frames show the same spots. live takes fewer steps if --budget-ms leaves "
+        "no time for them.",
     )
     final_sigmoid: bool = Field(
         default=False,
-        description="true: the backscatter network ends in a sigmoid, as printed. false: its two "
-        "intensities pass through one each.",
+        description="true: the backscatter network ends in a sigmoid, as printed. false: "
+        "each of its two intensities passes through a sigmoid.",
     )
 
 
 class ColorConfig(StageConfig):
-    """The water and how it is fitted: images and range maps -> corrected images."""
+    """How the water is fitted and images are corrected."""
 
     method: str = Field(
         default="robust",
@@ -96,16 +99,16 @@ class ColorConfig(StageConfig):
     paper: PaperConfig = PaperConfig()
     lock: Literal["auto", "frame", "survey"] | Annotated[int, Field(ge=1)] = Field(
         default="auto",
-        description="auto: one water for all frames that share it; where they do not (several "
-        "sites, a change of depth), one for each segment of the dive. correct, whose pictures may "
-        "be unrelated, takes auto as frame. frame: each frame its own water. survey: one water for "
-        "all frames. A number, such as 20: the water of so many last frames together; live takes "
-        "20 where no number is set.",
+        description="Which frames share water parameters. auto: all frames in the same "
+        "water; if the water changes (several sites, a change of depth), each segment of the "
+        "dive has its own. For correct, whose images may be unrelated, auto means frame. "
+        "frame: each frame has its own. survey: all frames share them. A number, for example "
+        "20: fitted to the last 20 frames; live uses 20 unless a number is set.",
     )
 
     @property
     def sliding_frames(self) -> int:
-        """Frames that share the water of a stream."""
+        """Number of frames that share the water parameters of a stream."""
         return self.lock if isinstance(self.lock, int) else STREAM_FRAMES
 
     @field_validator("lock", mode="wrap")
@@ -120,47 +123,48 @@ class ColorConfig(StageConfig):
 
     camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
         default="auto",
-        description="auto: a gain for each frame, from spots that several frames of run show, "
-        "where that makes them agree better. fixed: the camera held its exposure through the "
-        "survey. brightness: each frame is brought to one exposure by its brightness at equal "
-        "ranges.",
+        description="Differences of exposure between frames. auto: a gain for each frame, "
+        "from spots that several frames of a run show, if it makes the frames agree better. "
+        "fixed: the exposure was constant during the survey. brightness: a gain for each "
+        "frame, from its brightness at equal ranges.",
     )
     input_encoding: Literal["auto", "srgb", "linear", "as-is"] = Field(
         default="auto",
-        description="How images hold light. auto: measured from the noise of the images, with the "
-        "pedestal; srgb where that is not possible. srgb: encoded for a screen. linear: the values "
-        "are linear light. as-is: the values are corrected without decoding. The output of all but "
-        "as-is is encoded by sRGB.",
+        description="How images encode light. auto: measured from the noise of the images, "
+        "with the pedestal; srgb if that is not possible. srgb: encoded for a screen. "
+        "linear: the values are linear light. as-is: the values are corrected without "
+        "decoding. The output is encoded as sRGB, except with as-is.",
     )
 
     @property
     def encoding(self) -> Literal["srgb", "linear", "as-is"]:
-        """``input_encoding``; sRGB where it was not measured."""
+        """``input_encoding``; sRGB if it is auto and was not measured."""
         return "srgb" if self.input_encoding == "auto" else self.input_encoding
 
     pedestal: Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)] = Field(
         default=(0.0, 0.0, 0.0),
-        description="Values of R, G, B that the camera gives without light, in linear light as a "
-        "fraction of full scale. They are taken off first. With color.input_encoding=auto they are "
-        "measured, too.",
+        description="Values of R, G, B without light, in linear light as a fraction of full scale. "
+        "They are subtracted first. color.input_encoding=auto measures them, too.",
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",
-        description="auto: the pattern of lamps and lens over picture and range, and sunlight and "
-        "shadows that move, are solved from spots that several frames of run show, and divided out "
-        "where that makes them agree better. none: nothing is divided out.",
+        description="Uneven light. auto: the pattern of lamps and lens over image and range, and "
+        "moving sunlight and shadows, are estimated from spots that several frames of a "
+        "run show, and divided out if that makes the frames agree better. none: no "
+        "correction.",
     )
     median_luminance: float = Field(
         default=0.18,
         gt=0,
         le=0.5,
-        description="How bright frames are shown: the median luminance of all frames that share a "
-        "water, in linear light, as a fraction of full scale. 0.18 is mid-gray. Light above it is "
-        "compressed where the brightest would clip. Not for images read as as-is.",
+        description="Brightness of the output: the median luminance of all frames that share water "
+        "parameters, in linear light, as a fraction of full scale. 0.18 is mid-gray. "
+        "Brighter values are compressed if the brightest would clip. Not for "
+        "input_encoding=as-is.",
     )
     unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
         default="interpolate",
-        description="What is painted where no range was measured. interpolate: corrected with a "
-        "range carried over from measured neighbors of the same color (mask 2; range/ stays as "
-        "measured). black: black. raw: the pixel as the camera saw it.",
+        description="Output of pixels without a measured range. interpolate: corrected with the "
+        "range of measured neighbors of the same color (mask 2; range/ does not change). "
+        "black: black. raw: the uncorrected pixel.",
     )

@@ -18,23 +18,23 @@ Triple = Annotated[tuple[float, float, float], Strict(False)]
 
 
 class MountConfig(StageConfig):
-    """How the left camera sits on the vehicle, for navigation that gives the vehicle's pose and not
-    the camera's.
+    """Pose of the left camera on the vehicle, for navigation that gives the pose of the vehicle and
+    not of the camera.
 
     Vehicle axes: x forward, y starboard, z down. The camera (x right, y down, z along the optical
-    axis) is turned by Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right
-    towards the bow.
+    axis) is rotated by Rz(yaw) Ry(pitch) Rx(roll): with all angles zero it looks down, and the
+    right side of the image points to the bow.
     """
 
     xyz_m: Triple = Field(
         default=(0.0, 0.0, 0.0),
-        description="Camera forward of the vehicle's reference point, to starboard of it and below "
-        "it, meters.",
+        description="Position of the camera relative to the vehicle's reference point: forward, "
+        "starboard, down, meters.",
     )
     rpy_deg: Triple = Field(
         default=(0.0, 0.0, 90.0),
-        description="Roll, pitch and yaw: turns about x, y and z, degrees; a yaw of 90: the top of "
-        "the image is the bow.",
+        description="Roll, pitch and yaw: rotations about x, y and z, degrees; with a yaw of "
+        "90 the top of the image points to the bow.",
     )
 
     @field_validator("xyz_m", "rpy_deg", mode="wrap")
@@ -47,8 +47,8 @@ class MountConfig(StageConfig):
 
 
 class MarkersConfig(StageConfig):
-    """Square markers of known size, distance or position on the bottom; they constrain the map's
-    scale, shape and place (docs/markers.md).
+    """Square markers of known size, distance or position on the bottom; they constrain scale, shape
+    and position of the map (docs/markers.md).
     """
 
     edge_m: float | None = Field(
@@ -56,20 +56,23 @@ class MarkersConfig(StageConfig):
     )
     family: Literal[
         "36h11", "25h9", "16h5", "aruco-4x4", "aruco-5x5", "aruco-6x6", "aruco-original"
-    ] = Field(default="36h11", description="Family of the markers: of AprilTag, or ArUco.")
+    ] = Field(default="36h11", description="Family of the markers, AprilTag or ArUco.")
     bars: FilePath | None = Field(
         default=None,
-        description="Scale bars, a CSV with first, second, length_m: middles of two markers.",
+        description=(
+            "Scale bars: a CSV with first, second, length_m, the distance between the "
+            "centers of two markers."
+        ),
     )
     points: FilePath | None = Field(
         default=None,
-        description="Surveyed places of markers, a CSV with marker, x_m, y_m, z_m and, if known, "
-        "std_m (1 cm).",
+        description="Surveyed positions of markers: a CSV with marker, x_m, y_m, z_m and, if "
+        "known, std_m (default 1 cm).",
     )
 
     @property
     def known(self) -> bool:
-        """Whether anything is known of them."""
+        """Whether a size, a scale bar or a position is given."""
         return bool(self.edge_m or self.bars or self.points)
 
 
@@ -78,16 +81,15 @@ class MappingConfig(StageConfig):
 
     engine: str = Field(
         default="tiles",
-        description="What fuses the frames. tiles: weighs each measurement by its standard error. "
-        "open3d: Open3D's VoxelBlockGrid, equal weights (needs the open3d extra). Or one that "
+        description="Fusion engine. tiles: weighs each measurement by its standard error. open3d: "
+        "Open3D's VoxelBlockGrid, equal weights (needs the open3d extra). Or one that "
         "another package adds (docs/extending.md).",
     )
     voxel_m: float | None = Field(
         default=0.01,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a fusion voxel, meters. auto: five pixels of the images at their "
-        "median range.",
+        description="Edge of a fusion voxel, meters. auto: five image pixels at the median range.",
     )
     tile_m: float | None = Field(
         default=None,
@@ -98,46 +100,46 @@ class MappingConfig(StageConfig):
     )
     crs: Literal["auto", "utm", "local"] = Field(
         default="auto",
-        description="Coordinates of all products. auto: meters around the survey's origin on "
-        "Earth, if the poses give it, by transverse Mercator at scale 1. utm: of its UTM zone "
-        "(needs the geo extra). local: meters without a place on Earth.",
+        description="Coordinate system of all products. auto: transverse Mercator at scale 1 "
+        "around the origin of the survey, meters, if the poses are georeferenced. utm: the "
+        "UTM zone (needs the geo extra). local: meters without a position on Earth.",
     )
     fixes: FilePath | None = Field(
         default=None,
-        description="Positions on Earth beside --poses, such as a buoy's: they place a track "
-        "that has none (docs/mapping.md).",
+        description="Positions on Earth in addition to --poses, for example of a buoy: they "
+        "georeference a local track (docs/mapping.md).",
     )
     mount: MountConfig = MountConfig()
     markers: MarkersConfig = MarkersConfig()
     poses: Literal["given", "prior"] = Field(
         default="prior",
-        description="How a trajectory is used. prior: frames are placed by its poses and by the "
-        "pictures, each weighted by its errors (needs the slam extra, GTSAM; without it as given). "
-        "given: its poses are used unchanged, for exact poses.",
+        description="How a trajectory is used. prior: poses and images together determine "
+        "the track, each weighted by its errors (needs the slam extra, GTSAM; without it as "
+        "given). given: the poses are used unchanged; for exact poses.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",
-        description="A trajectory's poses are the left camera's as calibrated (raw), or the "
-        "rectified one's; format: its own way.",
+        description="Camera of the trajectory's poses: the left camera as calibrated (raw), or the "
+        "rectified left camera; format: the camera that the format defines.",
     )
     prior_position_std_m: float | None = Field(
         default=None,
         gt=0,
-        description="Standard error of a trajectory's positions, east and north, or of fixes, as "
-        "its sensor is known for. Not set: estimated from the dive.",
+        description="Standard error of the positions of a trajectory, east and north, or of fixes, "
+        "from the specification of the sensor. Not set: estimated from the dive.",
     )
     mosaic_m: float | None = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the "
-        "bottom; half a voxel on large areas.",
+        description="Pixel size of the orthomosaic, meters. auto: an image pixel on the "
+        "bottom; half a voxel for large areas.",
     )
     dem_m: float | None = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Pixel of the terrain model, meters. auto: a voxel.",
+        description="Pixel size of the terrain model, meters. auto: one voxel.",
     )
     metrics_m: float | None = Field(
         default=None,

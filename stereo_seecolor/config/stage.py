@@ -21,7 +21,7 @@ class StageConfig(BaseModel):
 
 
 class OutputConfig(StageConfig):
-    """What is written, and how."""
+    """Files that are written, and their formats."""
 
     image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
         default="png",
@@ -30,14 +30,15 @@ class OutputConfig(StageConfig):
     )
     geometry: Literal["rectified", "original"] = Field(
         default="rectified",
-        description="original: corrected images, ranges and masks also in the left camera's own "
-        "pixels, named and sized as its "
-        "images are, in OUT/original, for photogrammetry with a calibration of its own.",
+        description="original: corrected images, ranges and masks also in the pixels of the "
+        "raw left camera, with the names and sizes of its images, in OUT/original, for "
+        "photogrammetry programs with their own calibration.",
     )
     preset: Literal["full", "no-clouds", "lean"] = Field(
         default="full",
         description="full: with a colored cloud for each pair. no-clouds: without. lean: without, "
-        "range maps deflated, their standard errors rounded to 0.2 %: a quarter of the disk.",
+        "range maps compressed more, standard errors rounded to 0.2 %: a quarter of the "
+        "disk space.",
     )
 
     @property
@@ -63,80 +64,81 @@ class InputConfig(StageConfig):
         "name and else by time stamp.",
     )
     timestamp_tolerance_s: float = Field(
-        0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds."
+        0.01, ge=0, description="Largest difference between the two time stamps of a pair, seconds."
     )
     bayer: Literal["auto", "none", "rggb", "bggr", "gbrg", "grbg"] = Field(
         default="auto",
-        description="Color filter pattern of single-channel raw images, by the first two pixels of "
-        "the first two rows. auto: recognized from pairs spread over the dive, assuming that red "
-        "is darker than blue; correct, and live with folders, take auto as none.",
+        description="Color filter pattern of single-channel raw images: the first two pixels "
+        "of the first two rows. auto: recognized from pairs spread over the dive, assuming "
+        "that red is darker than blue; for correct, and live with folders, auto means none.",
     )
     significant_bits: Literal["auto", None, 10, 12, 14] = Field(
         default="auto",
-        description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); "
-        "scaled to full. auto: the fewest that hold the values of pairs spread over the dive; "
-        "correct, and live with folders, take all 16. none: all 16.",
+        description="Bits that 16-bit files use (12 for a 12-bit sensor stored unshifted); values "
+        "are scaled to 16 bits. auto: the smallest number that fits the values of pairs "
+        "spread over the dive; correct, and live with folders, use all 16. none: all 16.",
     )
     channels: Literal["rgb", "bgr"] = Field(
         default="rgb",
-        description="bgr: the files hold blue in the place of red, as pictures of OpenCV that were "
-        "written by another library do. A run names images that look like it.",
+        description="bgr: the files store the channels in the order blue, green, red, like OpenCV "
+        "arrays written by another library. A run names images that seem to be in this "
+        "order.",
     )
     range_units_per_m: float | None = Field(
         default=None,
         gt=0,
-        description="Of range maps given to correct and evaluate: how many of their units are a "
-        "meter: 1000 for millimeters, 100 for centimeters, 5000 for TUM RGB-D, 256 for KITTI. Not "
-        "set: 1 for floating point, 1000 for integers.",
+        description="Units per meter in the range maps for correct and evaluate: 1000 for "
+        "millimeters, 100 for centimeters, 5000 for TUM RGB-D, 256 for KITTI. Not set: 1 "
+        "for floating-point numbers, 1000 for integers.",
     )
     right_half_first: bool = Field(
         default=False,
-        description="Of images and videos that show both sides: the left (or upper) half is the "
-        "right camera's.",
+        description="For images and videos that show both sides: the left (or upper) half "
+        "belongs to the right camera.",
     )
     exposures: FilePath | None = Field(
         default=None,
-        description="CSV with exposure_s and gain of each image, by its file name; values that "
-        "it lacks are read from EXIF.",
+        description="CSV with exposure_s and gain of each image, by file name; missing values are "
+        "read from EXIF.",
     )
     refine: bool = Field(
         default=False,
-        description="Estimate what has moved in the rig since its calibration from pairs spread "
-        "over the dive, before the run. "
-        "Used only where rows of pairs left out of the estimate agree better.",
+        description="Refine the calibration before the run, from pairs spread over the dive, "
+        "in case the rig has moved. Used only if the rows of pairs left out of the estimate "
+        "agree better.",
     )
     flat_port: str | None = Field(
         default=None,
-        description="For cameras that were calibrated in air and look through flat windows under "
-        "water: the distance from lens to window and the thickness of the window, such as "
-        "30mm:10mm; a third length is the range at which ranges are exact (1.5m).",
+        description="For cameras behind flat windows that were calibrated in air: the "
+        "distance from lens to window and the thickness of the window, for example "
+        "30mm:10mm; a third length is the distance at which ranges are exact (default 1.5m).",
     )
     video_step: float = Field(
         default=1.0,
         gt=0,
-        description="Of a video, which frames are taken. A whole number n: every nth. A number "
-        "below 1: a frame as soon as it shows less than this fraction of the last one taken (0.7 "
-        "suits maps).",
+        description="Which frames of a video are used. A whole number n: every nth frame. A number "
+        "below 1: the next frame that overlaps the last one used by less than this "
+        "fraction (0.7 is good for maps).",
     )
     video_skip_blurred: bool = Field(
         default=False,
-        description="Of a video, leave out frames that are much less sharp than those around "
+        description="Leave out video frames that are much less sharp than the frames around "
         "them, on either side.",
     )
     video_offset_s: float | None = Field(
         default=None,
-        description="Of two videos, the time to add to that of a left frame to get that of the "
-        "right one, seconds. Not set: measured.",
+        description="For two videos: seconds to add to the time of a left frame to get the time of "
+        "the right frame. Not set: measured.",
     )
 
     @property
     def video_overlap(self) -> float | None:
-        """The overlap by which frames of a video are taken; None where every nth is."""
+        """The overlap that selects frames of a video; None if every nth frame is used."""
         return self.video_step if self.video_step < 1 else None
 
     @property
     def video_every(self) -> int:
-        """Every how many frames of a video one is taken, where not by overlap."""
+        """The step between used frames of a video, unless the overlap selects them."""
         return max(1, int(self.video_step))
 
     @field_validator("video_step")
@@ -156,21 +158,23 @@ class MatchingConfig(StageConfig):
     min_range_m: float = Field(
         0.3,
         gt=0,
-        description="Nearest range looked for, meters; sets the largest disparity searched.",
+        description="Nearest range of the search, meters; sets the largest disparity.",
     )
     max_range_m: float = Field(
-        default=20.0, gt=0, description="Farthest range kept, meters; more than the nearest."
+        default=20.0,
+        gt=0,
+        description="Farthest range kept, meters; must be more than the nearest.",
     )
     min_confidence: float = Field(
         default=0.8,
         ge=0,
         le=1,
-        description="Pixels whose disparity is right to within one pixel with a lower "
-        "probability than this are left unknown.",
+        description="Pixels are unknown if the probability that their disparity is correct within "
+        "one pixel is lower than this.",
     )
     fill: bool = Field(
         default=False,
-        description="Close the holes with what their neighbors suggest; such pixels are marked.",
+        description="Fill holes with the ranges of neighbors; filled pixels are marked.",
     )
     engine: str | Path = Field(
         default="sgm",

@@ -58,7 +58,7 @@ def attempt(work: Work[Result], folder: RunFolder, keep: bool, pair: Pair) -> Ou
         raise
     except (SeeColorError, CalibrationError) as error:
         kept = (
-            f" (what an earlier run made of it is in {SET_ASIDE})"
+            f" (results of an earlier run are in {SET_ASIDE})"
             if folder.frames.remove_stale(pair.name)
             else ""
         )

@@ -177,7 +177,7 @@ def measure_range(
     hashes = {file.sha256 for file in inputs.values()}
     if len(hashes) < len(inputs) and all(file.stamp.size for file in inputs.values()):
         raise MatchingError(
-            f"{pair.left} and {pair.right} are the same picture: no range can be had from it"
+            f"{pair.left} and {pair.right} are the same image: no range is possible"
         )
     image, range_map = source.measure(pair, clock)
     facts = range_facts(range_map) | capture_facts(source.reader.capture(pair.left))

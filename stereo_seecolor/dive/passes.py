@@ -50,8 +50,8 @@ from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.water_file import waters_content
 
 NO_SHARED_SPOTS = (
-    "light: no two frames were found to show the same spots, so that lamps, lens and "
-    "exposure stay in the images"
+    "light: no two frames show the same spots, so the effects of lamps, lens and exposure remain "
+    "in the images"
 )
 LONG_DIVE = 10_000
 """Pairs of a dive beyond which their moment tables are added up in groups, by the workers, before

@@ -57,9 +57,9 @@ class RangedImages:
             range_m = read_range_map(pair.right, self.config.input.range_units_per_m)
         if range_m.shape != image.shape[:2]:
             raise InputError(
-                f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its "
-                f"image {pair.left.name} is "
-                f"{image.shape[1]}x{image.shape[0]}: give the range map of this very image"
+                f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but "
+                f"its image {pair.left.name} is {image.shape[1]}x{image.shape[0]}: give the "
+                "range map of this image"
             )
         row = seam_row(image, read_image_bytes(pair.left))
         warnings = () if row is None else (f"{pair.left.name}: {seam_text(row)}",)

@@ -68,9 +68,10 @@ class RunOptions:
         fitting = self.workers if self.cluster else at_once(self.workers, pair_bytes)
         if fitting == self.workers:
             return self
-        size = f"a pair takes about {pair_bytes / 1e9:.1f} GB while it is worked on"
+        size = f"a pair takes about {pair_bytes / 1e9:.1f} GB during processing"
         self.notice(
-            f"memory: {size}: {fitting} at once instead of {self.workers}, for more are not free"
+            f"memory: {size}: {fitting} at once instead of {self.workers}, because more memory "
+            "is not free"
         )
         return replace(self, workers=fitting)
 

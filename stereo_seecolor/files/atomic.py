@@ -80,8 +80,8 @@ def output_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}: free the place and run again, "
-            "what is done is kept"
+            f"{path}: cannot be written: {error.strerror or error}: free disk space and run "
+            "again, finished results are kept"
         ) from error
 
 

@@ -214,7 +214,7 @@ def read_array(path: Path, size: tuple[int, int] | None = None) -> NDArray[Any]:
         raise InputError(f"{path}: is damaged: it claims {stored[0]} x {stored[1]} pixels")
     # OpenCV fills the rest with gray
     if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):
-        raise InputError(f"{path}: is cut short")
+        raise InputError(f"{path}: is truncated")
     if ("numba" in sys.modules or next(_read) > FEW_FILES) and (
         quick := quickly_decoded(content)
     ) is not None:

@@ -26,8 +26,8 @@ def refuse_existing(*files: Path) -> None:
     for file in files:
         if file.exists() or file.is_symlink():
             raise OutputError(
-                f"{file}: is there already, and is not written over: give another name; nothing "
-                "was touched"
+                f"{file}: already exists, and is not overwritten: give another name; nothing was "
+                "changed"
             )
 
 
@@ -35,13 +35,12 @@ def refuse_filled(folder: Path) -> None:
     """Raise OutputError if ``folder`` holds anything, is not a folder, or the current one."""
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise OutputError(
-            f"{folder}: is there already: this goes into a new or an empty folder; nothing was "
-            "touched"
+            f"{folder}: already exists: give a new or an empty folder; nothing was changed"
         )
     if folder.is_dir() and folder.samefile(os.curdir):
         raise OutputError(
-            f"{folder}: is the folder that you are in, in whose place another one would come: give "
-            "the name of a new one; nothing was touched"
+            f"{folder}: is the current folder, and would be replaced: give the name of a new "
+            "folder; nothing was changed"
         )
 
 

@@ -16,7 +16,7 @@ def load_object(path: Path) -> dict[str, Any]:
     """The object of a JSON file. Raises OSError, and ValueError where it holds something else."""
     content = load_json(regular_bytes(path))
     if not isinstance(content, dict):
-        raise ValueError(f"holds no object, but {type(content).__name__}")
+        raise ValueError(f"contains no object, but {type(content).__name__}")
     return content
 
 

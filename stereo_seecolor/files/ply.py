@@ -54,14 +54,14 @@ def read_vertices(path: Path) -> NDArray[np.void]:
     head = _read_header(path)
     found = _records(path, VERTEX, len(head), _count(path, head, b"vertex"))
     if not bool((np.abs(found["position"]) < FARTHEST_VERTEX_M).all()):
-        raise _damaged(path, "a vertex is nowhere")
+        raise _damaged(path, "a vertex has no finite position")
     return found
 
 
 def read_triangles(path: Path) -> NDArray[np.void]:
     """The triangles of a map's mesh, as FACE, read from disk where they are used.
 
-    Raises InputError where the file is gone, damaged, or a triangle has a vertex that is not there.
+    Raises InputError where the file is missing or damaged, or a triangle names an unknown vertex.
     """
     head = _read_header(path)
     vertices = _count(path, head, b"vertex")
@@ -71,7 +71,7 @@ def read_triangles(path: Path) -> NDArray[np.void]:
     if len(found) and not (
         (found["count"] == 3).all() and corners.min() >= 0 and corners.max() < vertices
     ):
-        raise _damaged(path, "a triangle has a vertex that is not there")
+        raise _damaged(path, "a triangle names a vertex that does not exist")
     return found
 
 
@@ -111,7 +111,7 @@ def _count(path: Path, head: bytes, element: bytes) -> int:
 
 def _records(path: Path, record: np.dtype[np.void], offset: int, count: int) -> NDArray[np.void]:
     if path.stat().st_size < offset + count * record.itemsize:
-        raise _damaged(path, "it is cut short")
+        raise _damaged(path, "it is truncated")
     return np.memmap(path, record, "r", offset, (count,)) if count else np.zeros(0, record)
 
 

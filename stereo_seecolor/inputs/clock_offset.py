@@ -94,6 +94,6 @@ def drift_notes(offsets_s: Sequence[float]) -> tuple[str, ...]:
     if abs(last - first) < DRIFT_S:
         return ()
     return (
-        f"the right clock moved by {1000 * (last - first):+.1f} ms against the left one from "
-        "first to last pair",
+        f"the right clock drifted by {1000 * (last - first):+.1f} ms relative to the left one "
+        "from first to last pair",
     )

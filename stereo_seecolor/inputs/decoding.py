@@ -56,6 +56,6 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
         raise InputError(f"{path}: cannot be decoded: {error.err}") from error
     if pixels is None:
         raise InputError(
-            f"{path}: cannot be decoded (damaged, or of a kind that OpenCV does not read)"
+            f"{path}: cannot be decoded (damaged, or in a format that OpenCV does not read)"
         )
     return pixels, False

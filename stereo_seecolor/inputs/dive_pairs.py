@@ -100,13 +100,13 @@ def _folder_by_folder(
             unpaired += _alone(parts[key], f"there is no {side} folder {key}")
     if not pairs:
         raise InputError(
-            f"no left folder has a right one of its name: {', '.join(lefts)} and "
+            f"no left folder has a right folder of the same name: {', '.join(lefts)} and "
             f"{', '.join(rights)}"
         )
     both = f"{counted(len(lefts.keys() & rights.keys()), 'folder')} a side"
     anew = (
-        f"names begin anew in each of {both}: pairs are called after folder and name, the "
-        f"first {pairs[0].name}"
+        f"the same file names occur in each of {both}: pairs are named after folder and file, "
+        f"the first {pairs[0].name}"
     )
     return Pairing(DivePairs.of(_in_order(_distinct(pairs))), tuple(unpaired), (anew, *notes))
 

@@ -144,5 +144,5 @@ def _number(where: str, row: Mapping[str, str], column: str) -> float:
             f"{where}: {column} must be a number, got {row[column] or ''!r}"
         ) from error
     if not np.isfinite(number) or abs(number) > 1e9:
-        raise InputError(f"{where}: {column} is {number:g}: no camera has that")
+        raise InputError(f"{where}: {column} is {number:g}, which no camera has")
     return number

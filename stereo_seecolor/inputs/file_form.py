@@ -67,12 +67,12 @@ def stored_notes(given: InputConfig, found: InputConfig) -> tuple[str, ...]:
     notes = []
     if found.bayer != given.bayer and found.bayer != "none":
         notes.append(
-            f"input: raw images with a color filter pattern, taken for {found.bayer}, red for "
-            "darker than blue: if colors come out exchanged, set input.bayer"
+            f"input: raw images with a color filter pattern, read as {found.bayer}, assuming "
+            "that red is darker than blue: if the colors are exchanged, set input.bayer"
         )
     if found.significant_bits != given.significant_bits and found.significant_bits is not None:
         notes.append(
-            f"input: the 16-bit images hold {found.significant_bits} bits, which are scaled to full"
+            f"input: the 16-bit images hold {found.significant_bits} bits, which are scaled to 16"
         )
     return tuple(notes)
 

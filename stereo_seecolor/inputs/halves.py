@@ -61,8 +61,8 @@ def pair_halves(listing: Listing, right_half_first: bool) -> Pairing:
         )
         for image in listing.files
     ]
-    cut = f"a wide one into {first} | {second}, a high one into {first} above {second}"
-    note = f"--left and --right are the same: each image is cut in two, {cut}"
+    cut = f"a wide one into {first} | {second}, a tall one into {first} above {second}"
+    note = f"--left and --right are the same: each image is split in two, {cut}"
     return Pairing(
         DivePairs.of(in_dive_order(with_unique_names(pairs))), listing.unreadable, (note,)
     )
@@ -99,6 +99,8 @@ def half_of(pixels: NDArray[Any], side: str, path: Path) -> NDArray[Any]:
     size = width if across else height
     if size % 2 or side not in SIDES:
         how = f"{size} px {'wide' if across else 'high'}, an odd number"
-        raise InputError(f"{path}: is {how}: it does not show left and right in halves of one size")
+        raise InputError(
+            f"{path}: is {how}: it does not show left and right in halves of equal size"
+        )
     half = slice(None, size // 2) if side == SIDES[0] else slice(size // 2, None)
     return pixels[:, half] if across else pixels[half]

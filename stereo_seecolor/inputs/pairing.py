@@ -284,7 +284,7 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         apart = f" (time stamps are {off_s[len(off_s) // 2]:.3f} s apart, median)" if off_s else ""
         raise InputError(
             f"{where}: no left image matches a right one by name or time stamp{example}{apart}: "
-            "give both the same stem, or set input.timestamp_tolerance_s"
+            "give both files the same name, or set input.timestamp_tolerance_s"
         )
     if not notes and config.pairing != "name":
         matching.say_how_far(config.timestamp_tolerance_s)
@@ -310,7 +310,7 @@ def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...
         f"{counted(len(matching.pairs), 'pair')} of {len(lefts)} left and {len(rights)} right "
         "images"
     )
-    return (f"the right clock is {ahead} the left one: {found} were brought together by that",)
+    return (f"the right clock is {ahead} the left one: {found} were paired with this offset",)
 
 
 def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
@@ -324,8 +324,8 @@ def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
         return ()
     first = matching.pairs[0]
     found = (
-        f"no names agree: {counted(len(matching.pairs), 'pair')} were brought together by the "
-        "order of their numbers"
+        f"no names match: {counted(len(matching.pairs), 'pair')} were paired by the order of "
+        "their numbers"
     )
     return (f"{found}, from {first.left.name} with {first.right.name} on",)
 

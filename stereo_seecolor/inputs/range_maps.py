@@ -51,14 +51,14 @@ def decode_range_map(content: bytes, path: Path, units_per_m: float | None) -> M
     stored = values.dtype
     if stored.kind not in "fiu" or (stored.itemsize == 1 and units_per_m is None):
         raise InputError(
-            f"{path}: holds {stored} pixels, a range map is meters in floating point or "
-            "millimeters in 16 bits or more; pictures of 8 bits, as networks for single images "
-            "write them (near is bright: inverse depth), have no scale"
+            f"{path}: holds {stored} pixels, but a range map is meters in floating point or "
+            "millimeters in 16 bits or more; 8-bit maps, as monocular depth networks write "
+            "them (near is bright: inverse depth), have no scale"
         )
     known = np.isfinite(values) & (values > 0)
     if not known.any() and len(np.unique(values[values < 0])) > 1:
         raise InputError(
-            f"{path}: holds negative values alone: give ranges as positive numbers, 0 or NaN "
+            f"{path}: holds only negative values: give ranges as positive numbers, 0 or NaN "
             "where unknown"
         )
     if units_per_m is None:
@@ -115,7 +115,7 @@ def _plane(values: NDArray[Any], path: Path) -> NDArray[Any]:
             f"{values.shape[2]} channels" if values.ndim == 3 else f"{values.ndim} dimensions"
         )
         raise InputError(
-            f"{path}: has {channels}, a range map has one: of a point a pixel, give its distance "
+            f"{path}: has {channels}, but a range map has one: give the distance of each point "
             "from the camera"
         )
     return values
@@ -172,7 +172,7 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
         import OpenEXR
     except ImportError as error:
         raise InputError(
-            f"{path}: is an OpenEXR file, which needs a library: pip install "
+            f"{path}: is an OpenEXR file, which needs the library OpenEXR: pip install "
             "'stereo-seecolor[exr]', or convert it to a TIFF of floating point"
         ) from error
     try:
@@ -244,9 +244,9 @@ def _below_top(values: NDArray[Any], known: NDArray[np.bool_], path: Path) -> ND
     if least > 0.02 * largest and not whole:
         return known
     raise InputError(
-        f"{path}: its values end at {largest:g}, the largest there is: a map without scale, as "
-        "networks for single images write it "
-        f"(where near is bright, inverse depth), or clipped: give ranges in meters, or {_SET_UNITS}"
+        f"{path}: its values end at {largest:g}, the largest possible value: a map without "
+        "scale, as monocular depth networks write it (if near is bright: inverse depth), or "
+        f"clipped: give ranges in meters, or {_SET_UNITS}"
     )
 
 
@@ -267,8 +267,8 @@ def _plausible(range_m: Map, path: Path, units_per_m: float) -> Map:
             else f"1/{units_per_m:g} m"
         )
         raise InputError(
-            f"{path}: its median is {middle:.4g} m, read as {read_as}, which no range under water "
-            f"is: {_SET_UNITS}; a disparity or an inverse depth is to be converted first"
+            f"{path}: its median is {middle:.4g} m, read as {read_as}, an impossible range under "
+            f"water: {_SET_UNITS}; convert disparities or inverse depths first"
         )
     with np.errstate(invalid="ignore"):
         return np.where(range_m <= FARTHEST_SCENE_M, range_m, np.float32(np.nan))

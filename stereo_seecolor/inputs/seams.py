@@ -102,7 +102,7 @@ def _is_edge_of_bar(above: NDArray[np.generic], below: NDArray[np.generic]) -> b
 def seam_text(row: int) -> str:
     """What to say of an image that begins anew at ``row``."""
     return (
-        f"is damaged: what follows row {row} does not continue what lies above: copy it again "
+        f"is damaged: the image below row {row} does not continue the image above: copy it again "
         "from the vehicle, or leave it out"
     )
 

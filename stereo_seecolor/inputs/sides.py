@@ -206,13 +206,13 @@ def _in_one_folder(folder: Path) -> Sides:
         )
     if len(patterns) < 2 and (side := side_of(folder.name)):
         raise InputError(
-            f"{folder}: holds the {side} images alone: give the other side's folder too, or the "
-            "one that holds both"
+            f"{folder}: holds the {side} images only: give the folder of the other side, too, or "
+            "the folder that contains both"
         )
     if len(patterns) < 2 and _shows_both(folder):
         return Sides(folder, folder)
     if len(patterns) < 2:
-        fix = "move the left and the right ones into folders of their own"
+        fix = "move the left and the right images into separate folders"
         raise InputError(
             f"{folder}: holds all images in one folder, and no name shows its side: {fix}"
         )
@@ -251,8 +251,8 @@ def _best_pair(images: dict[Path, int]) -> Sides:
             return Sides(*sides, guessed=not known)
     first, second = both[0]
     raise InputError(
-        f"{first} and {second}: no two of the {len(images)} folders or groups of images hold "
-        "pairs: give the two of one dive"
+        f"{first} and {second}: no two of the {len(images)} folders or groups of images contain "
+        "pairs: give the two sides of one dive"
     )
 
 

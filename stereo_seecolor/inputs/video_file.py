@@ -53,9 +53,9 @@ def video_stream(container: Any, path: Path) -> Any:
     """
     stream = container.streams.best("video")  # not a cover picture
     if stream is None:
-        raise InputError(f"{path}: holds no pictures")
+        raise InputError(f"{path}: holds no video frames")
     if stream.codec_context is None:
-        raise InputError(f"{path}: its pictures are coded in a way that FFmpeg does not know")
+        raise InputError(f"{path}: FFmpeg does not know the codec of its frames")
     if stream.width * stream.height > MAX_PIXELS:
         raise InputError(f"{path}: claims pictures of {stream.width}x{stream.height} px: not read")
     stream.thread_type = "AUTO"
@@ -231,7 +231,8 @@ class VideoFile:
         with suppress(InputError):  # its pair says so
             if self.frame(0).interlaced_frame:
                 notes.append(
-                    f"{self.path}: is interlaced: its rows are of two moments; deinterlace it first"
+                    f"{self.path}: is interlaced: its rows were exposed at two moments; "
+                    "deinterlace it first"
                 )
         return tuple(notes)
 
@@ -299,8 +300,8 @@ def _frame_index(path: Path) -> VideoIndex:
         first = [frame.pts or 0 for frame in islice(decoded(container, stream), ORDER_FRAMES)]
         if first != sorted(first):  # of an AVI
             raise InputError(
-                f"{path}: does not store the times of frames that are coded out of order: "
-                "convert it to .mp4 or .mkv"
+                f"{path}: does not store the times of reordered frames (B-frames): convert it to "
+                ".mp4 or .mkv"
             )
     with opened(path) as container:
         stream = video_stream(container, path)

@@ -48,8 +48,8 @@ class ControlFit:
 
 
 UPSIDE_DOWN = (
-    "the surveyed places put the bottom above the cameras: are x and y (east and north) exchanged, "
-    "or two markers, or is z positive downward?"
+    "the surveyed positions put the bottom above the cameras: are x and y (east and north) "
+    "exchanged, or two markers, or is z positive downward?"
 )
 
 
@@ -78,8 +78,8 @@ def control_fit(
         < 1e-3 * np.ptp(there, axis=0).max()
     ):
         raise InputError(
-            "control points: those that were found lie in line, and the map can turn about it: "
-            "give one beside it"
+            "control points: the markers that were found lie on a line, and the map can rotate "
+            "about it: give a marker beside the line"
         )
     T = rigid_alignment(here, there)
     off = np.linalg.norm(transformed(T, here) - there, axis=1)
@@ -108,9 +108,9 @@ def _doubt(here: Array, there: Array, found: Sequence[PlacedMarker], stds_m: Arr
             and left[i] > BEYOND_SIGMAS * stds_m[i]
         ):
             return (
-                f"marker {found[i].number} lies {left[i]:.3f} m from where the others put it: "
-                "is its place right?"
+                f"marker {found[i].number} lies {left[i]:.3f} m from its position according to "
+                "the others: is its given position correct?"
             )
     worst = int(np.argmax(off / stds_m))
     beyond = f"{off[worst]:.3f} m off, {off[worst] / stds_m[worst]:.0f} standard errors"
-    return f"marker {found[worst].number} lies {beyond}: are all places right?"
+    return f"marker {found[worst].number} lies {beyond}: are all given positions correct?"

@@ -49,8 +49,8 @@ def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None
     if voxel_m < finest_m:
         raise MappingError(
             f"mapping.voxel_m={voxel_m:g}: a pixel of these images covers "
-            f"{1000 * typical_m / geometry.focal_px:.2g} mm at {typical_m:.2g} m; finer voxels "
-            f"than an eighth of that hold nothing: set it to at least {finest_m:.2g}"
+            f"{1000 * typical_m / geometry.focal_px:.2g} mm at {typical_m:.2g} m; voxels "
+            f"finer than an eighth of that stay empty: set it to at least {finest_m:.2g}"
         )
     if voxel_m > typical_m / LIMITS.voxels_a_range:
         raise MappingError(
@@ -74,8 +74,8 @@ def check_extent(component: Component, voxel_m: float) -> None:
     """Raise MappingError for a survey too long for its voxels."""
     if component.reach_m > LIMITS.float32_reach * voxel_m:
         raise MappingError(
-            f"a part of the survey reaches {component.reach_m / 1000:.3g} km from its middle, more "
-            f"than {LIMITS.float32_reach:.0f} voxels: set mapping.voxel_m to at least "
+            f"a part of the survey reaches {component.reach_m / 1000:.3g} km from its center, "
+            f"more than {LIMITS.float32_reach:.0f} voxels: set mapping.voxel_m to at least "
             f"{component.reach_m / LIMITS.float32_reach:.2g}"
         )
 

@@ -95,7 +95,7 @@ class MarkerDetector:
 
     def __init__(self, family: str) -> None:
         if family not in FAMILIES:
-            raise InputError(f"--family {family}: is not known here: one of {', '.join(FAMILIES)}")
+            raise InputError(f"--family {family}: is unknown: one of {', '.join(FAMILIES)}")
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))

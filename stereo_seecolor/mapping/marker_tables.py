@@ -77,8 +77,8 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
         )
         if len(ends) != 2:
             raise InputError(
-                f"{where}: {cells[columns['first']]!r} names no two markers: write first, second, "
-                "length_m"
+                f"{where}: {cells[columns['first']]!r} does not name two markers: write first, "
+                "second, length_m"
             )
         length_m = _number(where, cells[columns["length"]]) * units.get("length", 1.0)
         if not 0 < length_m <= LONGEST_BAR_M:
@@ -197,7 +197,7 @@ def _roles(
         )
         if role and other and role in ("length", "x", "y", "z", "depth"):
             raise InputError(
-                f"{path}: column {cell!r}: its unit is not known: write {', '.join(METERS)}"
+                f"{path}: column {cell!r}: its unit is unknown: write {', '.join(METERS)}"
             )
         if role:
             columns[role] = i

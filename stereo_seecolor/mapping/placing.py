@@ -29,11 +29,11 @@ from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
-    "mapping.markers do not constrain the map: that needs GTSAM and, where poses are given, "
+    "mapping.markers do not constrain the map: this needs GTSAM and, if poses are given, "
     "mapping.poses=prior"
 )
 
-FIXES_NOT_USED = "mapping.fixes are not used: the poses have a place on Earth of their own"
+FIXES_NOT_USED = "mapping.fixes are not used: the poses are georeferenced already"
 
 WRONG = 0.5
 """Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters
@@ -181,8 +181,8 @@ def _placed_by_poses(
         used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
     elif not loops.available():
         missing = (
-            "the given poses were used unchanged: to fit them to the pictures, pip "
-            "install 'stereo-seecolor[slam]' (GTSAM)"
+            "the given poses were used unchanged: to fit them to the images, pip install "
+            "'stereo-seecolor[slam]' (GTSAM)"
         )
         used = _Used(
             _as_given(verdict.placement, survey, trajectory).with_warnings(missing),
@@ -219,7 +219,7 @@ def _fitted(
         )
     if not navigation.fits:
         own, markers = _upright(track, own, config)
-        own = own.with_warnings("the map was made by the pictures alone")
+        own = own.with_warnings("the map was made from the images alone")
         return _Used(own, navigation, in_their_world=False, markers=markers)
     position_m, _, depth_m = known[0].position_std_m
     attitude_deg = np.degrees(known[0].attitude_std_rad)
@@ -242,8 +242,8 @@ def _checked_up(verdict: ComparedNavigation, survey: Survey, trajectory: Traject
         upright(verdict.placement, survey.index, trajectory.up)
     except MappingError:
         down = (
-            "the given poses' z axis points down: they would fit as north-east-down, or with z "
-            "negated"
+            "the z axis of the given poses points down: they would fit as north-east-down, or "
+            "with z negated"
         )
         advice = ALIKE if attitudes_equal(verdict.placement.T_world_camera) else down
         return replace(verdict.navigation, fits=False, advice=advice)
@@ -260,8 +260,8 @@ def _checked_attitudes(
         return navigation
     off_deg = np.degrees(std_rad)
     advice = (
-        f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they "
-        "in radians instead of degrees?"
+        f"the given attitudes are {off_deg:.0f} degrees off those of the images: are they in "
+        "radians instead of degrees?"
     )
     return replace(navigation, fits=False, advice=advice)
 

@@ -90,7 +90,7 @@ class FinishedFrame:
             pixels = read_array(path, None if "/" in product else self.size)
         except InputError as error:
             raise InputError(
-                f"{path}: is gone or damaged: run again, which makes it again"
+                f"{path}: is missing or damaged: run again, which makes it again"
             ) from error
         if problem := _problem(product, pixels):
             raise InputError(f"{path}: is damaged ({problem}): run again, which makes it again")
@@ -124,7 +124,7 @@ def _problem(product: str, pixels: NDArray[Any]) -> str:
     if pixels.ndim != 2 or (pixels.dtype.kind == "f") != what.startswith("range"):
         return "holds another kind of image"
     if what == "range" and ((pixels <= 0) | (pixels > LONGEST_RANGE_M)).any():
-        return "holds ranges that are none"
+        return "contains invalid ranges"
     return ""
 
 
@@ -225,7 +225,7 @@ class FinishedRun:
         found = self._by_name.get(name)
         if found is None:
             raise InputError(
-                f"{self.root}: holds no finished frame {name!r}: {FRAMES_TABLE} lists what became "
+                f"{self.root}: holds no finished frame {name!r}: {FRAMES_TABLE} lists the status "
                 "of each pair"
             )
         return found
@@ -278,8 +278,8 @@ def open_run(out: str | Path) -> FinishedRun:
     described = content["settings"]
     if any(dive.settings.get(stage) != settings for stage, settings in described.items()):
         raise InputError(
-            f"{out}: a run with other settings was killed, or is under way, and {RUN} is of the "
-            "run before: run the same line again"
+            f"{out}: a run with other settings was killed, or is active, and {RUN} belongs to "
+            "the previous run: run the same command again"
         )
     order = {name: number for number, name in enumerate(content["frames"])}
     records = sorted(
@@ -503,7 +503,7 @@ def _length(name: str, value: Any) -> float:
 def _place(values: Any) -> list[float]:
     found = [float(value) for value in values]
     if len(found) != 3 or not all(map(math.isfinite, found)):
-        raise ValueError("a place that is not three numbers")
+        raise ValueError("a position that is not three numbers")
     return found
 
 

@@ -91,7 +91,8 @@ def _read(path: Path, row_of: Callable[[dict[str, str]], FrameRow]) -> tuple[Fra
         return tuple(map(row_of, table_rows(regular_bytes(path))))
     except (OSError, ValueError, KeyError) as error:
         raise InputError(
-            f"{path}: is gone or damaged ({error}): run the same line again, which writes it again"
+            f"{path}: is missing or damaged ({error}): run the same command again, which writes "
+            "it again"
         ) from error
 
 

@@ -38,34 +38,34 @@ class Product:
 
 PRODUCTS: dict[str, Product] = {
     "corrected": Product(
-        "corrected", "", "each left frame in its true colors, at its own bit depth"
+        "corrected", "", "each left frame in true color, with the bit depth of the input"
     ),
     "range": Product(
         "range", ".tiff", "range in meters along the ray, float32 TIFF, NaN where unknown"
     ),
     "range_std": Product("range", ".tiff", "standard error of the range, meters"),
-    "confidence": Product("range", ".png", "0..255 for a confidence of 0..1 in the range"),
+    "confidence": Product("range", ".png", "confidence of the range, 0..255 for 0..1"),
     "mask": Product(
         "corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color not recoverable"
     ),
     "clouds": Product("corrected", ".ply", "colored points in meters, left rectified camera, PLY"),
     "original/corrected": Product(
-        "corrected", "", "each left frame in its true colors, in the camera's own pixels"
+        "corrected", "", "each left frame in true color, in the pixels of the raw camera"
     ),
     "original/range": Product(
-        "corrected", ".tiff", "range in meters along the ray of the camera's own pixels"
+        "corrected", ".tiff", "range in meters along the ray, in the pixels of the raw camera"
     ),
-    "original/mask": Product("corrected", ".png", "as mask, in the camera's own pixels"),
+    "original/mask": Product("corrected", ".png", "mask, in the pixels of the raw camera"),
     "rectified_left": Product("rectified", ".png", "left images, rectified"),
     "rectified_right": Product("rectified", ".png", "right images, rectified"),
 }
 
 PAGE_PRODUCTS: dict[str, Product] = {
-    "page/thumbnails": Product("page", ".jpg", "each corrected frame, small"),
+    "page/thumbnails": Product("page", ".jpg", "thumbnail of each corrected frame"),
     "page/before": Product("page", ".jpg", "each left frame as the camera saw it, rectified"),
-    "page/after": Product("page", ".jpg", "each left frame in its true colors"),
+    "page/after": Product("page", ".jpg", "each left frame in true color"),
     "page/ranges": Product(
-        "page", ".js", "ranges, their standard errors, confidence and mask, to measure in"
+        "page", ".js", "ranges, standard errors, confidence and mask for measurements"
     ),
 }
 """What the page shows of a pair, made of its other products: read by the page alone."""
@@ -73,24 +73,28 @@ PAGE_PRODUCTS: dict[str, Product] = {
 DIVE_FILES: dict[str, str] = {
     RECTIFIED_RIG: "the calibration of the rectified images",
     RIG: "the calibration as this run used it",
-    WATER: "the fitted water, for another run's --water",
-    MEASURED_WATER: "the water measured from points seen at two ranges, for another run's --water",
-    FRAMES_TABLE: "a row for each pair: status, warnings, fractions, seconds a stage",
+    WATER: "the fitted water parameters, for --water of another run",
+    MEASURED_WATER: (
+        "the water parameters measured by stereo-seecolor water, for --water of another run"
+    ),
+    FRAMES_TABLE: "a row for each pair: status, warnings, fractions, seconds of each stage",
     RUN: "settings, inputs with their hashes, versions, totals",
 }
 
 MAP_FILES: dict[str, str] = {
     "trajectory.tum": "poses of the rectified left camera, TUM",
-    "poses.csv": "each frame's position, and how far a given pose is from what the images show",
-    "map.json": "offset of the map's coordinates, position on Earth, sizes of voxels and cells",
+    "poses.csv": (
+        "position of each frame, and the difference between its given pose and the images"
+    ),
+    "map.json": "offset of the map coordinates, position on Earth, sizes of voxels and cells",
     CLOUD: "the surface as colored points, meters",
     "cloud.laz": "the same in the coordinates of the GeoTIFFs",
     MESH: "the surface as a colored mesh, meters",
-    "preview.png": "the map, seen obliquely",
+    "preview.png": "oblique view of the map",
     "orthomosaic_preview.png": "the orthomosaic, small",
     MOSAIC: "the reef from above, GeoTIFF",
     TERRAIN: "heights, meters, GeoTIFF",
-    "reef_metrics.csv": "rugosity and other structure, square by square",
+    "reef_metrics.csv": "rugosity and other structure, for each square",
     "reef_metrics.tif": "the same as GeoTIFF",
 }
 """What the files of OUT/map hold."""

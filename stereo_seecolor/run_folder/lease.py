@@ -130,8 +130,8 @@ def check_lease(root: Path, token: str) -> None:
     if holder is None or holder.token != token:
         now = f"{holder} writes into it now" if holder else f"{lease_file(root)} was removed"
         raise OutputError(
-            f"{root}: is no longer held by this run: {now}; run the same line again when nobody "
-            "else does"
+            f"{root}: is no longer locked by this run: {now}; run the same command again when no "
+            "other run uses it"
         )
 
 
@@ -158,13 +158,13 @@ def _refusal(root: Path, other: Holder) -> str:
     age_s = _age_s(root)
     if age_s <= TIMES.stale_s:
         return (
-            f"{root}: another run is writing into it now ({other}): wait for it, or choose "
-            "another --out"
+            f"{root}: another run writes into it now ({other}): wait for it, or choose another "
+            "--out"
         )
     return (
-        f"{root}: was held by {other}, which has given no sign of life for {age_s / 60:.0f} min "
-        "and did not end by itself: "
-        f"make sure that it has ended, remove {lease_file(root)}, and run the same line again"
+        f"{root}: was locked by {other}, which has shown no activity for {age_s / 60:.0f} min "
+        f"and did not end by itself: make sure that it has ended, remove {lease_file(root)}, "
+        "and run the same command again"
     )
 
 

@@ -35,7 +35,7 @@ def held(root: Path) -> Iterator[Holder]:
             now = Holder.load(root)
         who = f" ({now})" if now else ""
         raise OutputError(
-            f"{root}: another run is writing into it now{who}: wait for it, or choose another --out"
+            f"{root}: another run writes into it now{who}: wait for it, or choose another --out"
         ) from error
     except OSError as error:
         if error.errno not in WITHOUT_LOCKS:

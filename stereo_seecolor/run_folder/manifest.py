@@ -144,7 +144,7 @@ class Manifest:
         except (OSError, ValueError, KeyError) as error:
             raise OutputError(
                 f"{self._dive_file}: is damaged or of another version ({error!s:.100}): choose "
-                "another --out; nothing was touched"
+                "another --out; nothing was changed"
             ) from error
         return record
 
@@ -224,8 +224,8 @@ class Manifest:
 
 def _refused(file: Path, error: ForeignPathError) -> OutputError:
     return OutputError(
-        f"{file}: is not as this program writes it: {error}; nothing outside this folder was "
-        "touched: choose another folder"
+        f"{file}: does not have the form that this program writes: {error}; nothing outside this "
+        "folder was changed: choose another folder"
     )
 
 

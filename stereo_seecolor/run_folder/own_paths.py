@@ -41,7 +41,7 @@ def check_own_paths(paths: Iterable[object]) -> None:
     """
     for path in paths:
         if not isinstance(path, str) or not _is_plain(path):
-            raise ForeignPathError(f"it names {path!r}, which does not lie in this folder")
+            raise ForeignPathError(f"it names {path!r}, which is not in this folder")
 
 
 def check_product_paths(paths: Iterable[object]) -> None:
@@ -50,7 +50,7 @@ def check_product_paths(paths: Iterable[object]) -> None:
     check_own_paths(paths)
     for path in paths:
         if not any(str(path).startswith(f"{folder}/") for folder in _FOLDERS):
-            raise ForeignPathError(f"it names {path!r}, which lies in no folder of products")
+            raise ForeignPathError(f"it names {path!r}, which is not in a folder of products")
 
 
 def is_plain_name(name: object) -> bool:
@@ -91,8 +91,8 @@ def refuse_own_place(*paths: Path) -> None:
             name = place.relative_to(root).parts[0]
             if name in OWN_FOLDERS and state(root, "manifest.json").is_file():
                 raise OutputError(
-                    f"{path}: lies in {name} of the run {root}, which the program fills by itself: "
-                    "choose a place outside"
+                    f"{path}: is in {name} of the run {root}, which contains only files of the "
+                    "program: choose another folder"
                 )
 
 

@@ -143,7 +143,7 @@ def check_ownership(manifest: Manifest, request: FolderRequest) -> None:
     dive = manifest.dive()
     if not request.overwrite and _holds_results(manifest) and not request.owner.owns(manifest):
         raise OutputError(
-            f"{root}: holds the results of another dive or command: choose another --out, or "
+            f"{root}: contains the results of another dive or command: choose another --out, or "
             "delete them with --overwrite"
         )
     measured = not request.overwrite and request.ranges in ("", dive.settings.get("range"))
@@ -170,7 +170,7 @@ def refuse_used(root: Path) -> None:
     if foreign:
         raise OutputError(
             f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new "
-            "folder; nothing was touched"
+            "folder; nothing was changed"
         )
 
 
@@ -216,6 +216,6 @@ def _of_system(name: str) -> bool:
 
 def _foreign(path: Path) -> OutputError:
     return OutputError(
-        f"{path}: is not of this program, and lies where its results go: move it elsewhere; "
-        "nothing was touched"
+        f"{path}: was not written by this program, and has the path of a result: move it "
+        "elsewhere; nothing was changed"
     )

@@ -109,7 +109,7 @@ def _poses(path: Path) -> NDArray[np.float64]:
     lines = path.read_text(encoding="ascii").splitlines()
     rows = np.array([line.split() for line in lines if not line.startswith("#")], np.float64)
     if rows.ndim != 2 or rows.shape[1] != 8 or not np.isfinite(rows).all():
-        raise ValueError("trajectory.tum holds no poses, or rows that are none")
+        raise ValueError("trajectory.tum contains no poses, or invalid rows")
     if (np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > QUATERNION_TOLERANCE).any():
         raise ValueError("trajectory.tum holds a quaternion that is not a rotation")
     return rows

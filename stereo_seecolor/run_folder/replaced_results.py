@@ -62,8 +62,8 @@ REPLACES: dict[str, Replaces] = {
     **dict.fromkeys(("range", "correct", "rectify", "merge"), ALL_RESULTS),
     "campaign": Replaces(
         ALL_RESULTS.results,
-        "the same as `range` in the folder of each dive; beside them `campaign.csv`, "
-        "`campaign.json`, `records/` and `waters/`, as it wrote them",
+        "the same as `range` in the folder of each dive; also `campaign.csv`, `campaign.json`, "
+        "`records/` and `waters/`, if unchanged since it wrote them",
     ),
     "demo": Replaces(ALL_RESULTS.results, "all results of an earlier demo"),
     "fuse": Replaces(
@@ -88,7 +88,7 @@ REPLACES: dict[str, Replaces] = {
             ),
             *("inspect", "view", "measure", "bag-info", "sync", "status", "doctor", "config"),
         ),
-        Replaces((), "nothing: they write new files into places that are free, or none"),
+        Replaces((), "nothing: they write only new files, or none"),
     ),
 }
 """Command -> what it may delete or replace."""
@@ -110,9 +110,9 @@ def refuse_inputs(
             name = place.relative_to(home).as_posix() if place.is_relative_to(home) else ""
             if name not in safe and replaces.includes(name):
                 raise OutputError(
-                    f"{given}: is an input of this run, and lies in what would be deleted or "
-                    f"replaced in {root}: "
-                    "copy it elsewhere first, or choose another --out; nothing was touched"
+                    f"{given}: is an input of this run, and would be deleted or replaced in "
+                    f"{root}: copy it elsewhere first, or choose another --out; nothing was "
+                    "changed"
                 )
 
 

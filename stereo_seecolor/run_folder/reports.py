@@ -53,7 +53,7 @@ LIBRARIES = (
     "gtsam",
 )
 """What shapes the numbers."""
-NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
+NOT_REACHED = "not finished when the run was stopped; run the same command again to continue"
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,7 @@ def close_run(
         )
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
-            folder.dive.removed.append(
-                f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}"
-            )
+            folder.dive.removed.append(f"{gone}: its results are kept in {folder.root / SET_ASIDE}")
     current = CurrentFrames.of(folder, run.names, run.last, compute if complete else None)
     if complete:
         # of workers that were lost; not before, as a new worker looks for the cluster's own file

@@ -46,7 +46,9 @@ class Part:
                 if pending
                 else f"it is {run.state}"
             )
-            raise InputError(f"{root}: did not come to its end, {left}: run its line again first")
+            raise InputError(
+                f"{root}: did not come to its end, {left}: run its command again first"
+            )
         return cls(root, run, rows)
 
     @cached_property

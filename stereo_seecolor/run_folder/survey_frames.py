@@ -42,12 +42,12 @@ class SurveyFrames(Lazy[SurveyFrame]):
                 f"{len(names)} are {what} ({names[0]})" for what, names in others.items() if names
             )
             raise InputError(
-                f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the "
-                f"latest settings, {said}: run the same line again first"
+                f"{run.root}: was stopped: {len(run.frames)} frames are finished with the latest "
+                f"settings, {said}: run the same command again first"
             )
         if not run.frames or any("corrected" not in frame.products for frame in run.frames):
             raise InputError(
-                f"{run.root}: holds no frame that went through all stages: run it to its end first"
+                f"{run.root}: contains no frame that finished all stages: finish the run first"
             )
         self.geometry, self.T_rectified_left = geometry, T_rectified_left
         self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
@@ -89,6 +89,6 @@ class SurveyFrames(Lazy[SurveyFrame]):
         pixels = frame.read(product)
         if pixels.shape[1::-1] != self.geometry.image_size:
             raise InputError(
-                f"{frame.products[product]}: is gone or damaged: run again, which makes it again"
+                f"{frame.products[product]}: is missing or damaged: run again, which makes it again"
             )
         return pixels

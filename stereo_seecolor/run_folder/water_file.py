@@ -43,8 +43,8 @@ def read_waters(path: Path, names: Iterable[str]) -> Mapping[str, Water]:
     for name in names:
         if name not in frames:
             raise InputError(
-                f"{path}: holds each frame's own water, and none for {name!r}: fit it with "
-                "color.lock=survey"
+                f"{path}: contains separate water parameters for each frame, and none for "
+                f"{name!r}: fit them with color.lock=survey"
             )
         text = repr(frames[name])
         if text not in read:

@@ -215,8 +215,8 @@ class Water:
         body = read_water_document(path)
         if "water" not in body:
             raise InputError(
-                f"{path}: holds each frame's own water: run with color.lock=survey for one water "
-                "of all frames"
+                f"{path}: contains separate water parameters for each frame: run with "
+                "color.lock=survey to get common ones"
             )
         try:
             return cls.from_content(body["water"])

@@ -21,9 +21,7 @@ def test_a_log_is_appended_to_logs_alone(cli, tmp_path: Path, name: str) -> None
     (tmp_path / name).write_text(POSES)
     code, _, said = cli("inspect", tmp_path, "--log-file", tmp_path / name)
     assert code == 1
-    assert (
-        f"--log-file {tmp_path / name}: is there already, and is not a log of this program" in said
-    )
+    assert f"--log-file {tmp_path / name}: already exists, and is not a log of this program" in said
     assert (tmp_path / name).read_text() == POSES
 
 
@@ -53,7 +51,7 @@ def test_nothing_is_written_into_a_folder_that_a_run_fills(
         ["convert-calib", out / "rig.yaml", f"{out / place}.yaml"],
     ):
         code, _, said = cli(*words)
-        assert code == 1 and "which the program fills by itself" in said, words
+        assert code == 1 and "which contains only files of the program" in said, words
     assert not (out / place).exists()
 
 
@@ -109,6 +107,6 @@ def test_a_new_folder_does_not_take_the_place_of_the_current_one(
 ) -> None:
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    with pytest.raises(OutputError, match="is the folder that you are in"), new_folder(Path(name)):
+    with pytest.raises(OutputError, match="is the current folder"), new_folder(Path(name)):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["here"]

@@ -69,7 +69,8 @@ def test_a_frames_record_that_names_what_is_outside_is_refused(
     assert manifest.frame("a")
     changed(tmp_path / ".state/frames/a.json", change, path)
     with pytest.raises(
-        OutputError, match=r"a\.json: is not as this program writes it: .*nothing outside"
+        OutputError,
+        match=r"a\.json: does not have the form that this program writes: .*nothing outside",
     ) as raised:
         list(manifest.frames())
     assert "\n" not in str(raised.value)
@@ -80,7 +81,9 @@ def test_a_dives_record_that_names_what_is_outside_is_refused(tmp_path: Path, pa
     manifest = Manifest(tmp_path)
     manifest.save_dive(DiveRecord())
     changed(tmp_path / ".state/manifest.json", _file, path)
-    with pytest.raises(OutputError, match=r"manifest\.json: is not as this program writes it"):
+    with pytest.raises(
+        OutputError, match=r"manifest\.json: does not have the form that this program writes"
+    ):
         manifest.dive()
 
 
@@ -89,7 +92,7 @@ def test_a_frames_record_names_no_records_of_its_own(tmp_path: Path) -> None:
     manifest = Manifest(tmp_path)
     manifest.save_frame(FrameRecord("a"))
     changed(tmp_path / ".state/frames/a.json", _file, ".state/manifest.json")
-    with pytest.raises(OutputError, match="lies in no folder of products"):
+    with pytest.raises(OutputError, match="is not in a folder of products"):
         manifest.frame("a")
 
 
@@ -105,7 +108,7 @@ def test_a_record_of_other_types_is_damaged_and_nothing_worse(
     try:
         found = manifest.frame("a")
     except OutputError as error:
-        assert "is not as this program writes it" in str(error)
+        assert "does not have the form that this program writes" in str(error)
     else:
         assert found is None or getattr(found, key) in (wrong, 1, {}, "")
 
@@ -156,7 +159,7 @@ def test_no_command_touches_a_file_that_a_record_names_outside(
     ):
         code, said = command(*words)
         assert (code, said.count("\n"), "Traceback" in said) == (1, 1, False), (words, said)
-        assert "is not as this program writes it" in said, (words, said)
+        assert "does not have the form that this program writes" in said, (words, said)
     assert {path: path.read_bytes() for path in before} == before
     assert not (tmp_path / "whole/home").exists()
 

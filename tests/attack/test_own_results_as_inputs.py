@@ -21,7 +21,7 @@ from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.replaced_results import REPLACES, refuse_inputs
 
 BOTH = pytest.mark.parametrize("overwrite", [False, True])
-REFUSED = r"is an input of this run.*nothing was touched"
+REFUSED = r"is an input of this run.*nothing was changed"
 
 
 @pytest.fixture

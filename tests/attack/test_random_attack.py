@@ -4,7 +4,7 @@ user's and hostile records.
 The model knows what is the user's: all files of the dives, every file that was put into OUT or
 beside it, and every result that was edited. After each step, each of them is where it was, or in
 OUT/set_aside, to the byte. A command ends well or with an error of the program's own, and one that
-says that nothing was touched has touched nothing.
+says that nothing was changed has touched nothing.
 
 STEREO_SEECOLOR_ATTACK_MINUTES=30 attacks for so long; by default for some seconds. The seed and
 the number of steps are printed; STEREO_SEECOLOR_ATTACK_SEED gives the seed of the first round.
@@ -164,7 +164,7 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
                 command()
             except (SeeColorError, CalibrationError) as error:
                 assert "\n" not in str(error)
-                if "nothing was touched" in str(error):
+                if "nothing was changed" in str(error):
                     after = files(self.root)
                     assert {
                         path: content

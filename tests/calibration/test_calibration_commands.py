@@ -195,7 +195,7 @@ def test_a_calibration_goes_into_a_new_folder_and_not_onto_one(cli: Cli, tmp_pat
     assert cli("convert-calib", tmp_path, tmp_path / "new/deep/cam.yaml")[0] == 0
     code, _, said = cli("convert-calib", tmp_path / "new/deep/cam.yaml", tmp_path / "new")
     assert code == 1
-    assert "new: is there already" in said
+    assert "new: already exists" in said
 
 
 def test_a_target_goes_into_a_new_folder_and_not_below_a_file(cli: Cli, tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
         "convert-calib", tmp_path / "four.yml", tmp_path / "from_four.yaml", "--size", "640x480"
     )[1]
     assert (
-        "note: 4 coefficients as OpenCV's k1 k2 p1 p2: taken, but the file can be read in 2 ways"
+        "note: 4 coefficients as OpenCV's k1 k2 p1 p2: used, but the file can be read in 2 ways"
         in printed
     )
     code, _, said = cli("convert-calib", source, tmp_path / "wide.yaml", "--size", "wide")
@@ -283,7 +283,7 @@ def test_a_file_of_the_user_is_not_written_over(
     code, _, said = cli(*words, file)
     assert (
         code == 1
-        and f"{theirs.name}: is there already, and is not written over" in said
+        and f"{theirs.name}: already exists, and is not overwritten" in said
         and said.count("\n") == 1
     )
     assert [path.name for path in tmp_path.iterdir()] == [theirs.name]

@@ -371,7 +371,7 @@ REFUSED = {
     ),
     "three cameras": (KALIBR + "cam2:\n  camera_model: pinhole\n", "more than two cameras"),
     "doffs": (MIDDLEBURY.replace("131.111\n", "31.1\n"), "one is wrong"),
-    "other": ("name: something\nkeys: 3\n", "not a calibration known here"),
+    "other": ("name: something\nkeys: 3\n", "not a calibration of a known format"),
 }
 
 

@@ -102,10 +102,10 @@ def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
     code, _, said = cli("range", *words, "--out", tmp_path / "out")
     assert code == 3
     assert [name for name in NAMES if f"failed: {name}" in said] == [NAMES[6]]
-    assert "what follows" not in said
+    assert "the following images" not in said
     assert not (tmp_path / "out" / "range" / f"{NAMES[6]}.tiff").exists()
     code, printed, _ = cli("check", *words)
-    assert code == 3 and f"{NAMES[6]}: rows fit another rig" in printed
+    assert code == 3 and f"{NAMES[6]}: their rows do not fit the rig of the other pairs" in printed
 
 
 @pytest.mark.slow

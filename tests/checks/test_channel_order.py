@@ -57,5 +57,5 @@ def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
         pairs.append(Pair(path.stem, path, path))
     notes = channel_order(DiveImages(pairs, RunConfig())).notes
     assert len(notes) == bool(exchanged)
-    last = "and what follows" if exchanged and exchanged[-1] == 39 else "to 0022.png"
+    last = "and the following images" if exchanged and exchanged[-1] == 39 else "to 0022.png"
     assert all(f"{exchanged[0]:04d}.png {last}" in line for line in notes)

@@ -66,7 +66,10 @@ def test_a_run_names_the_neighbor_that_fits(make_dive, tmp_path: Path) -> None:
     renumber(dive.root / "R", 1)
     summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
     assert summary.count("failed") == 3
-    assert "0021.png fits 0022.png, not 0021.png: are the sides numbered alike?" in summary.notes
+    assert (
+        "0021.png fits 0022.png, not 0021.png: do both sides have the same numbers?"
+        in summary.notes
+    )
 
 
 @pytest.mark.slow
@@ -117,7 +120,7 @@ def test_parts_that_are_out_of_step_are_named_where_both_sides_lost_images(make_
     rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
     failed = {pairs[number].name for number in (2, 3, 4, 7, 8, 9)}
     (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
-    assert "out of step in several parts" in note
+    assert "out of synchronization in several parts" in note
     assert (
         f"{pairs[2].name} to {pairs[4].name} by +1 ({pairs[3].left.name} fits {pairs[4].right.name}"
         in note

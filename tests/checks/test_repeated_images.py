@@ -49,7 +49,7 @@ def test_frames_of_a_stalled_camera_are_left_out_of_track_and_map(cli, tmp_path:
     ]
     code, printed, _ = cli("run", *words, "--out", tmp_path / "out", "--fuse")
     assert code == 0
-    assert "2 frames with an image of the frame before, the first: reef_1790000002000" in printed
+    assert "2 frames with an image of the previous frame, the first: reef_1790000002000" in printed
     with (tmp_path / "out" / "map" / "poses.csv").open() as file:
         placed = [row["name"] for row in csv.DictReader(file)]
     assert placed == [images[number].stem for number in (0, 1, 4, 5, 6)]

@@ -41,7 +41,7 @@ def test_left_images_without_color_are_named(tmp_path: Path, suffix: str) -> Non
     found = gray_side(dive(tmp_path, left, pictures("right"), suffix))
     (note,) = found.notes
     assert found.wrong == {"colors"}
-    assert "left images hold no color" in note and "exchange --left and --right" in note
+    assert "left images have no color" in note and "exchange --left and --right" in note
     assert gray_side(dive(tmp_path, left, left, suffix)).notes == ()  # of a monochrome rig
     assert gray_side(dive(tmp_path, pictures(), left, suffix)).notes == ()
     assert gray_side(DiveImages([], RunConfig())).notes == ()
@@ -74,7 +74,9 @@ def test_a_mosaic_that_was_read_one_off_is_named(
     notes, wrong = found.notes, found.wrong
     assert wrong == ({"colors"} if named else frozenset())
     assert bool(notes) == named
-    assert all("lattice" in note and note.startswith("input: left images") for note in notes)
+    assert all(
+        "as if a Bayer mosaic" in note and note.startswith("input: left images") for note in notes
+    )
 
 
 def test_true_colors_and_gray_are_no_mosaic(tmp_path: Path) -> None:
@@ -93,5 +95,5 @@ def test_one_image_of_other_colors_is_named_without_a_claim_of_the_others(
     place = 11 if last else 6
     left[place] = left[place][..., ::-1].copy()
     (note,) = channel_order(dive(tmp_path, left, left)).notes
-    assert f"l{place:04d}.png: " in note and "what follows" not in note
+    assert f"l{place:04d}.png: " in note and "the following images" not in note
     assert "another camera, light or scene" in note

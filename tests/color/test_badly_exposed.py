@@ -33,7 +33,10 @@ def gray(value: int, patch: int, fraction: float) -> np.ndarray:
         (gray(90, 255, 0.05), ()),
         (
             gray(90, 255, 0.5),
-            ("overexposed: 50% of it is clipped by the camera, its color not recoverable",),
+            (
+                "overexposed: 50% of the frame is clipped by the camera, and its color not "
+                "recoverable",
+            ),
         ),
     ],
 )

@@ -122,7 +122,8 @@ def test_each_frames_own_water_is_not_one_water(tmp_path: Path) -> None:
         b"".join(waters_content({"a": some_water(), "b": some_water(exposure=2.0)}))
     )
     with pytest.raises(
-        InputError, match=r"holds each frame's own water: run with color\.lock=survey"
+        InputError,
+        match=r"contains separate water parameters for each frame: run with color\.lock=survey",
     ):
         Water.load(tmp_path / "w.json")
 

@@ -248,7 +248,7 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
     ]
     code, _, said = cli(*words, "--right", str(dive.root / "L"))
     assert code == 1
-    assert "give the other side's folder as --right" in said
+    assert "give the folder of the other side as --right" in said
     (tmp_path / "twin").symlink_to(dive.root / "L")
     code, _, said = cli(*words, "--right", str(tmp_path / "twin"))
     assert code == 1

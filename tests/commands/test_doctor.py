@@ -62,7 +62,7 @@ def test_open3d_without_its_system_libraries(monkeypatch: pytest.MonkeyPatch) ->
     assert "apt-get install" in finding.fix
     assert (
         finding.without
-        == "no fusion by Open3D (mapping.engine=open3d), no window onto a map (view --window)"
+        == "no fusion by Open3D (mapping.engine=open3d), no map window (view --window)"
     )
     monkeypatch.setattr("sys.platform", "win32")
     assert not next(finding for finding in doctor().findings if finding.what == "open3d").fix

@@ -158,7 +158,7 @@ def test_range_maps_with_unknown_pixels_are_named_too(tmp_path: Path) -> None:
     for folder in ("left", "range"):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / "1.tiff"), np.full((4, 6), np.nan, np.float32))
-    with pytest.raises(InputError, match="hold floating-point numbers"):
+    with pytest.raises(InputError, match="contain floating-point numbers"):
         inspect([tmp_path])
 
 
@@ -195,7 +195,8 @@ def test_float_images_on_both_sides_are_not_called_range_maps(tmp_path: Path) ->
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / "1.tiff"), np.ones((4, 6, 3), np.float32))
     with pytest.raises(
-        InputError, match=r"left and .*right: hold floating-point numbers.*save them as 16-bit PNG"
+        InputError,
+        match=r"left and .*right: contain floating-point numbers.*save them as 16-bit PNG",
     ):
         inspect([tmp_path])
 
@@ -225,7 +226,7 @@ def test_folders_that_show_different_scenes_are_no_sides(tmp_path: Path) -> None
     (tmp_path / "cam.yaml").write_bytes((reef / "cam.yaml").read_bytes())
     found = inspect([tmp_path])
     assert any(
-        "too little in common to be the two sides: give them by hand" in line
+        "too little in common to be the two sides: name them yourself" in line
         for line in found.problems
     )
     assert shlex.split(found.run_command)[3:6:2] == ["LEFT", "RIGHT"]
@@ -299,7 +300,7 @@ def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
     (dive.root / "L" / "9999.png").write_bytes((dive.root / "L" / "0000.png").read_bytes())
     problems = inspect([dive.root]).problems
     assert "1 file without a partner, the first: 9999.png (no right image matches)" in problems
-    assert "2 calibrations were found, the first was taken: cam.yaml, old.yaml" in problems
+    assert "2 calibrations were found, the first was used: cam.yaml, old.yaml" in problems
 
 
 @pytest.mark.slow
@@ -319,7 +320,7 @@ def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:
     assert f"--left {video} --right {video}" in found.run_command
     assert (found.left.frames, found.left.size) == (2, smooth_frames(2)[0].shape[1::-1])
     assert f"px, {found.left.rate_hz:.6g} Hz, 2 frames" in inspection_text(found)
-    assert any("where it shows one camera alone" in problem for problem in found.problems)
+    assert any("if it shows only one camera" in problem for problem in found.problems)
     wide = write_video(tmp_path / "wide.avi", [np.hstack([one, one]) for one in smooth_frames(2)])
     assert not any("side by side" in problem for problem in inspect([wide]).problems)
     write_video(tmp_path / "left.avi", smooth_frames(2))

@@ -50,7 +50,7 @@ def test_without_open3d_and_rerun_the_line_that_installs_one_is_given(
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(
         DeviceError,
-        match=r"a window onto the map needs Open3D, .*: pip install 'stereo-seecolor\[open3d\]'$",
+        match=r"a window with the map needs Open3D, .*: pip install 'stereo-seecolor\[open3d\]'$",
     ):
         view(fused)
 

@@ -71,8 +71,8 @@ def test_fewer_pairs_at_once_are_said_once_and_enough_memory_nothing() -> None:
     assert said == []
     assert options.within_memory(5 * GIB).workers == 2
     assert said == [
-        "memory: a pair takes about 5.4 GB while it is worked on: 2 at once instead of 4, for "
-        "more are not free"
+        "memory: a pair takes about 5.4 GB during processing: 2 at once instead of 4, because "
+        "more memory is not free"
     ]
 
 

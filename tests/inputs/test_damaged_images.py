@@ -133,7 +133,7 @@ def test_what_both_images_have_is_no_damage(tmp_path: Path) -> None:
     (tmp_path / "r.ppm").write_bytes(PLAIN["ppm"](read_pixels(RIGHTS[0])))
     with pytest.raises(
         InputError,
-        match=r"l.ppm: is damaged: what follows row 400 does not continue what lies above",
+        match=r"l.ppm: is damaged: the image below row 400 does not continue the image above",
     ):
         FrameReader(CONFIG).read(pair)
 
@@ -179,7 +179,7 @@ def pages(*images: np.ndarray, **how: object) -> bytes:
 def test_forms_of_files_that_cost_colors_are_named(tmp_path: Path) -> None:
     rgb = read_pixels(LEFTS[0])[..., ::-1]
     assert notes(tmp_path, "a.png", pillow("PNG")(rgb)) == ""
-    assert "a.tif holds 2 pages, of which the first is read" in notes(
+    assert "a.tif holds 2 pages; only the first is read" in notes(
         tmp_path, "a.tif", pages(rgb, rgb[::-1])
     )
     assert notes(tmp_path, "b.tif", pages(rgb)) == ""

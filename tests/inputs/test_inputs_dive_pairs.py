@@ -40,7 +40,7 @@ def test_a_pattern_takes_the_folders_of_each_hour(tmp_path: Path) -> None:
     assert [(file.path, file.reason) for file in found.unpaired] == [
         (root / "11h/left/2.png", "there is no right folder 11h")
     ]
-    assert "names begin anew in each of 2 folders a side" in found.notes[0]
+    assert "the same file names occur in each of 2 folders a side" in found.notes[0]
     assert folders_of(root / "*/left") == (root / "9h/left", root / "10h/left", root / "11h/left")
 
 

@@ -182,7 +182,7 @@ def test_clocks_that_drift_are_reported(tmp_path: Path) -> None:
     pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig())
     assert len(pairing.pairs) == 12
     assert pairing.notes
-    assert "clock moved by +6" in pairing.notes[0]
+    assert "clock drifted by +6" in pairing.notes[0]
 
 
 def test_nothing_matches(tmp_path: Path) -> None:
@@ -435,7 +435,7 @@ def test_counters_that_differ_by_a_constant_are_paired_and_that_is_said(tmp_path
         (left[:-4], right) for left, right in zip(lefts, rights, strict=True)
     ]
     assert pairing.notes == (
-        "no names agree: 4 pairs were brought together by the order of their numbers, from "
+        "no names match: 4 pairs were paired by the order of their numbers, from "
         "DSC_998.png with DSC_0520.png on",
     )
 

@@ -111,13 +111,13 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
         ),
         (
             ["left/1.png", "left/2.png"],
-            "left: holds the left images alone: give the other side's folder too",
+            "left: holds the left images only: give the folder of the other side",
         ),
         (
             ["1.png", "2.png"],
             "holds all images in one folder, and no name shows .*: move the left and the right",
         ),
-        (["a/x.png", "b/y2.png"], "hold pairs: give the two of one dive"),
+        (["a/x.png", "b/y2.png"], "contain pairs: give the two sides of one dive"),
         (["1.mp4", "2.mp4", "3.mp4"], "3 videos were found"),
     ],
 )

@@ -113,7 +113,7 @@ def test_a_raw_dive_is_read_in_color(tmp_path: Path, pattern: str) -> None:
     assert (found.bayer, found.significant_bits) == (pattern, None)
     assert settled(InputConfig(bayer="none"), sample).bayer == "none"
     (said,) = stored_notes(InputConfig(), found)
-    assert f"a color filter pattern, taken for {pattern}, red for darker than blue" in said
+    assert f"a color filter pattern, read as {pattern}, assuming that red is darker" in said
 
 
 def test_one_raw_side_is_left_as_it_is(tmp_path: Path) -> None:

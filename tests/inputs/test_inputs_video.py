@@ -209,7 +209,7 @@ def test_videos_that_are_interlaced_cut_or_of_other_rates_are_named(tmp_path: Pa
         tmp_path / "r.mkv", smooth_frames(8), "libx264", "yuv420p", np.arange(8) / 20
     )
     assert paired(left, left).notes == (
-        f"{left}: is interlaced: its rows are of two moments; deinterlace it first",
+        f"{left}: is interlaced: its rows were exposed at two moments; deinterlace it first",
     )
     with pytest.raises(InputError, match="no evidence of their clock offset"):
         paired(left, right)
@@ -242,9 +242,7 @@ def test_what_is_no_video(tmp_path: Path) -> None:
     mixed = write_video(
         tmp_path / "d.avi", smooth_frames(30), "libx264", "yuv420p", options={"bf": "2"}
     )
-    with pytest.raises(
-        InputError, match="does not store the times of frames that are coded out of order"
-    ):
+    with pytest.raises(InputError, match="does not store the times of reordered frames"):
         paired(mixed, mixed)
 
 

@@ -150,7 +150,7 @@ REFUSED = {
     ),
     "c.tiff": (
         lambda: image_file(".tiff", RANGE_M * 1000),
-        "read as meters, which no range under water is: set input.range_units",
+        "read as meters, an impossible range under water: set input.range_units",
     ),
     "d.png": (
         lambda: image_file(".png", np.nan_to_num(RANGE_M * 8).astype(np.uint16)),
@@ -158,7 +158,7 @@ REFUSED = {
     ),
     "e.png": (
         lambda: image_file(".png", np.uint8(np.nan_to_num(normalized(255)))),
-        r"8 bits, .*\(near is bright",
+        r"8-bit maps, .*\(near is bright",
     ),
     "f.npz": (
         lambda: saved(np.savez, left=RANGE_M, right=RANGE_M),
@@ -168,7 +168,7 @@ REFUSED = {
     "h.npy": (lambda: saved(np.save, np.array([{}])), "Python objects"),
     "i.pfm": (lambda: pfm(RANGE_M)[:-9], "truncated or damaged"),
     "j.exr": (lambda: exr({"Z": RANGE_M})[:90], "is damaged"),
-    "k.npy": (lambda: saved(np.save, -RANGE_M), "negative values alone"),
+    "k.npy": (lambda: saved(np.save, -RANGE_M), "only negative values"),
     "l.npz": (lambda: saved(np.savez, K=np.eye(3)), "no map, but K"),
 }
 
@@ -308,7 +308,7 @@ def test_ranges_in_meters_are_not_doubted(water: WaterName) -> None:
     ("ranges", "found"),
     [
         (lambda range_m: 5 * range_m, "ranges are too long"),
-        (lambda range_m: 60 / range_m, "near and far exchanged, as disparities"),
+        (lambda range_m: 60 / range_m, "near and far are exchanged in the range maps"),
         (lambda range_m: 0.2 * range_m, "ranges are too short"),
         (lambda range_m: 2 / range_m, "near and far exchanged"),
     ],

@@ -87,7 +87,7 @@ def test_tartanair_is_north_east_down_without_times(tmp_path: Path) -> None:
 
 
 def test_seven_numbers_without_a_quaternion_are_no_trajectory(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is not a trajectory that is known here"):
+    with pytest.raises(InputError, match="is not a trajectory of a known format"):
         read_trajectory(write(tmp_path, "1790000000 1 2 3 10 20 30\n"))
 
 
@@ -254,8 +254,8 @@ def test_degrees_agree_with_a_map_projection() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("hello\n", "not a trajectory that is known here"),
-        ("# only a comment\n", "not a trajectory that is known here"),
+        ("hello\n", "not a trajectory of a known format"),
+        ("# only a comment\n", "not a trajectory of a known format"),
         ("", "is empty"),
         ("0 0 0 0 0 0 0 1\n1 2 3\n", "line 2: a TUM pose has 8 numbers"),
         ("nan nan nan nan nan nan nan nan\n", "no finite pose"),

@@ -123,7 +123,7 @@ def test_what_is_empty_has_no_pose(tmp_path: Path) -> None:
         ),
         ("lat=Lat (deg),lon=Lon (deg),depth=D,heading=Hdg", r"lacks time \(or name\)"),
         (MAP + ",speed=V", "'speed=V' is not a role=column"),
-        (MAP + ",time=V", "'time=V' is not a role=column with a role of its own"),
+        (MAP + ",time=V", "'time=V' is not a role=column with a known, unused role"),
         (MAP + ",roll", "'roll' is not a role=column"),
         (MAP + ",roll=Hd", r"has no column 'Hd' for roll; did you mean 'hdg'\?"),
         (MAP + ",roll=inclination", "has no column 'inclination' for roll; it has stamp, lat"),

@@ -267,8 +267,7 @@ def test_foreign_files_are_named_by_read_and_inspect(name: str, tmp_path: Path) 
 def test_inspect_names_a_file_of_which_it_knows_nothing(tmp_path: Path) -> None:
     (line,) = unknown_files([write(tmp_path, "hello\n", "notes.txt")], (), ())
     assert line.endswith(
-        "notes.txt: is neither images, nor a calibration or trajectory of a format that is known "
-        "here"
+        "notes.txt: is neither images, nor a calibration or trajectory of a known format"
     )
     os.mkfifo(tmp_path / "nav.png")
     (line,) = unknown_files([tmp_path / "nav.png"], (), ())
@@ -311,8 +310,8 @@ def test_a_map_of_columns_holds_for_its_own_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda parts: parts[:2], "hold no depth"),
-        (lambda parts: [parts[0], parts[0], parts[2]], "hold no heading"),
+        (lambda parts: parts[:2], "lack depth"),
+        (lambda parts: [parts[0], parts[0], parts[2]], "lack heading"),
     ],
 )
 def test_tables_that_lack_something_together_are_named(
@@ -357,7 +356,7 @@ def test_headings_and_depths_of_nmea_are_offered_and_taken_where_named(tmp_path:
     vehicle = read_trajectory(Path(f"{path}:heading=HDT,depth=DPT"))
     np.testing.assert_allclose(vehicle.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
     np.testing.assert_allclose(vehicle.T_world_camera[:, 2, 3], [-5, -6])
-    with pytest.raises(InputError, match="XDR is none of the sentences"):
+    with pytest.raises(InputError, match="XDR is not one of the supported sentences"):
         read_trajectory(Path(f"{path}:heading=XDR,depth=DPT"))
 
 
@@ -381,7 +380,7 @@ def test_what_positions_are_rounded_to_is_known(
         (
             "$GPRMC,120000.00,A,1440.8,S,14527.0,E,0.5,0,010526,,,A\n"
             "$PSONLLD,120000.00,B1,A,-14.6,145.4,5.0,1,1,45,1\n" * 3,
-            r"acoustic beacon \(PSONLLD\) beside those of the ship",
+            r"acoustic beacon \(PSONLLD\) and of the ship",
         ),
         ("[Script Info]\nTitle: Cockpit\n\n[Events]\n", "subtitles whose 0 lines"),
         (

@@ -77,7 +77,7 @@ def test_a_scale_is_told_with_its_standard_error(factor: float) -> None:
 
 def test_a_jump_is_told_with_its_place() -> None:
     assert told(jumping) == [
-        "the given positions jump by 0.71 m against the pictures between f10 and f09"
+        "the given positions jump by 0.71 m relative to the images between f10 and f09"
     ]
 
 
@@ -86,7 +86,9 @@ def test_a_single_position_is_told_by_its_frame(frame: int) -> None:
     def change(T: Poses) -> None:
         T[frame, :3, 3] += [0.3, 0.4, 0.0]
 
-    assert told(change) == [f"the given position of f{frame:02} is 0.50 m off against the pictures"]
+    assert told(change) == [
+        f"the given position of f{frame:02} is 0.50 m off relative to the images"
+    ]
 
 
 def test_a_jump_is_told_beside_a_scale_and_among_noise() -> None:

@@ -78,7 +78,7 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
     assert placed.T_world_camera[:, 2, 3].mean() == pytest.approx(0)
     steps = np.linalg.norm(np.diff(placed.T_world_camera[:, :3, 3], axis=0), axis=1)
     assert steps == pytest.approx(np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1))  # not bent
-    assert "80 fixes, which scatter by" in placed.warnings[0]
+    assert "80 fixes, which scatter around it by" in placed.warnings[0]
 
 
 def test_a_dive_shorter_than_its_fixes_scatter_is_refused() -> None:
@@ -145,7 +145,7 @@ def fused_with_fixes(tmp_path: Path, *settings: str) -> tuple[dict[str, Any], Ar
 @pytest.mark.slow
 def test_fixes_beside_a_relative_track_place_it_on_earth(tmp_path: Path) -> None:
     content, track, said = fused_with_fixes(tmp_path)
-    assert content["origin"] is not None and "the track lies by 5 fixes" in said
+    assert content["origin"] is not None and "the track is aligned to 5 fixes" in said
     T = cameras()
     expected = transformed(TRUE, T[:, :3, 3])
     np.testing.assert_allclose(

@@ -234,7 +234,8 @@ def test_a_run_of_which_nothing_is_left_is_refused(small_run: Path) -> None:
     for path in (small_run / "range").iterdir():
         path.unlink()
     with pytest.raises(
-        MappingError, match=r"none of the 4 frames can be read: .*range/f0.tiff: is gone or damaged"
+        MappingError,
+        match=r"none of the 4 frames can be read: .*range/f0.tiff: is missing or damaged",
     ):
         fuse_small(small_run)
 
@@ -250,7 +251,7 @@ def test_a_run_of_an_earlier_version_is_refused(small_run: Path) -> None:
 @pytest.mark.slow
 def test_two_programs_never_write_one_folder(small_run: Path) -> None:
     poses = small_run.with_name("track.tum")
-    with held(small_run), pytest.raises(OutputError, match="another run is writing into it now"):
+    with held(small_run), pytest.raises(OutputError, match="another run writes into it now"):
         fuse_small(small_run, poses)
     assert not (small_run / "map").exists()
     assert fuse_small(small_run, poses).placed == 4

@@ -294,7 +294,7 @@ def test_a_full_disk_is_named_and_what_is_done_is_kept(
         real(file, **content)
 
     monkeypatch.setattr(np, "savez", full_at_third_tile)
-    with pytest.raises(OutputError, match="No space left on device: free the place and run again"):
+    with pytest.raises(OutputError, match="No space left on device: free disk space and run again"):
         build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
     assert len(list((tmp_path / ".scratch/tiles").rglob("*.npz"))) == 2
     assert not list(tmp_path.rglob(".writing-*"))

@@ -151,7 +151,7 @@ def test_a_survey_too_long_for_its_voxels_is_refused(tmp_path: Path) -> None:
     trajectory = track(4, step_m=20_000.0)
     with pytest.raises(
         MappingError,
-        match=r"reaches 30 km from its middle.*: set mapping.voxel_m to at least 0.029",
+        match=r"reaches 30 km from its center.*: set mapping.voxel_m to at least 0.029",
     ):
         build(tmp_path, trajectory)
 

@@ -1,4 +1,4 @@
-"""Given poses are held against the pictures: noise is averaged out, and numbers that were read
+"""Given poses are compared with the images: noise is averaged out, and numbers that were read
 wrongly are named.
 """
 
@@ -63,9 +63,7 @@ def seen(survey: Survey, reef: ReefFrames) -> Seen:
 def placed(
     survey: Survey, reef: ReefFrames, seen: Seen, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., PlacedSurvey]:
-    """Places the survey by poses that were changed; what the pictures alone tell is found once for
-    all tests.
-    """
+    """Places the survey by changed poses; the result from the images alone is computed once."""
     known, features, alike = seen
     monkeypatch.setattr(
         odometry,
@@ -230,7 +228,7 @@ def test_rounded_positions_are_weighed_as_such_and_kept(
         (positions(lambda p: p / 0.3048), "positions in feet"),
         (
             positions(lambda p: p @ rotation_from_vector(np.radians([0, 0, 25])).T),
-            "positions turned by -25 degrees",
+            "positions rotated by -25 degrees",
         ),
         (lambda T: T[::-1], "the poses in the opposite order"),
         (turned_back, "the rotations inverted"),
@@ -297,7 +295,7 @@ def one_attitude(T: Poses) -> Poses:
     [
         (positions(lambda p: p * [1 / 111_000, 1 / 111_000, 1]), "latitudes and longitudes"),
         (positions(lambda p: 0 * p), "hardly move"),
-        (one_attitude, "attitudes are all the same"),
+        (one_attitude, "attitudes are all equal"),
     ],
 )
 def test_poses_that_stay_while_the_pictures_move_are_named(
@@ -320,7 +318,7 @@ def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(
         assert found.navigation is not None
         assert found.navigation.fits
         assert (
-            "the camera is turned by 14." in found.navigation.advice
+            "the camera is rotated by 14." in found.navigation.advice
             or "by 13." in found.navigation.advice
         )
         assert "mapping.mount.rpy_deg=[-1" in found.navigation.advice
@@ -371,7 +369,7 @@ def test_poses_of_another_dive_are_not_used(
         )
     )
     assert found.navigation is not None
-    assert "are they of this dive?" in found.navigation.advice
+    assert "do they belong to this dive?" in found.navigation.advice
     assert found.origin is None  # the map lies where its own first camera was
     assert off_m(found, reef) < 0.005
 
@@ -415,7 +413,7 @@ def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     assert summary.placed == 4
     assert summary.navigation is not None
-    assert "could not be held against the pictures" in str(summary.navigation)
+    assert "could not be compared with the images" in str(summary.navigation)
     assert map_exit_code(summary) == 3
 
 

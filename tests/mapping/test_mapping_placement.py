@@ -147,7 +147,7 @@ def test_two_pairs_of_one_name_are_told_apart_by_time_or_named() -> None:
 
 def test_poses_without_names_and_times_are_taken_in_order() -> None:
     nothing = np.full(10, np.nan)
-    assert "taken in order" in place(index(), by_time(line(), nothing), CONFIG).warnings[0]
+    assert "assigned in order" in place(index(), by_time(line(), nothing), CONFIG).warnings[0]
     with pytest.raises(
         MappingError, match="9 poses of the trajectory cannot be matched to the 10 frames"
     ):
@@ -216,7 +216,7 @@ def test_poses_by_number_of_image_find_their_frames(first: int) -> None:
     placement = place(frames, by_time(line()[known], known + float(first)), CONFIG)
     np.testing.assert_array_equal(placement.T_world_camera[known], line()[known])
     assert [frame.name for frame in placement.unplaced] == ["f04"]
-    assert "taken for numbers of images" in " ".join(placement.warnings)
+    assert "read as image numbers" in " ".join(placement.warnings)
 
 
 def test_whole_seconds_from_a_start_are_not_numbers_of_images() -> None:

@@ -145,11 +145,13 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
     np.testing.assert_allclose(moved.T_world_camera[:, :3, 3], (T @ cameras())[:, :3, 3], atol=5e-3)
     code, said, _ = cli("markers", fused, "--size", "0.15", "--points", tmp_path / "gcp.csv")
     assert (
-        code == 3 and "another size than was given" in said and "surveyed places: 3 found" in said
+        code == 3
+        and "another size than was given" in said
+        and "surveyed positions: 3 found" in said
     )
     with pytest.raises(InputError, match="shows no marker of aruco-6x6"):
         markers(fused, Known(EDGE_M, "aruco-6x6"))
-    with pytest.raises(InputError, match="--family 5: is not known here: one of 36h11"):
+    with pytest.raises(InputError, match="--family 5: is unknown: one of 36h11"):
         markers(fused, Known(EDGE_M, "5"))
 
 
@@ -179,7 +181,7 @@ def test_control_points_must_fix_the_map() -> None:
     ]
     with pytest.raises(InputError, match="2 of 4 markers were found"):
         control_fit(found[:2], places)
-    with pytest.raises(InputError, match="lie in line"):
+    with pytest.raises(InputError, match="lie on a line"):
         control_fit(found[:3], places)
     T = pose(rotation_from_vector(np.array([0.0, 0, 2])), [3, 4, 5])
     fit = control_fit(found, {number: transformed(T, place) for number, place in places.items()})

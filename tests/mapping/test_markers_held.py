@@ -59,7 +59,7 @@ def test_one_tag_in_five_frames_sets_the_scale_to_a_thousandth(survey: Survey) -
     assert abs(placed.range_scale * OFF - 1) < 4 * placed.markers.scale_std < 4e-3
     T = placed.placement.T_world_camera
     assert steps_m(T) == pytest.approx(steps_m(cameras()), rel=2e-3, abs=1e-3)
-    assert "3 found; ranges taken 0.98" in str(placed.markers)
+    assert "3 found; ranges multiplied by 0.98" in str(placed.markers)
     scaled = survey.scaled(placed.range_scale)
     assert np.median(scaled.index.points_m[0][:, 2]) == pytest.approx(1.4, rel=2e-3)
     marks = Marks.found(survey, MarkersConfig(edge_m=EDGE_M))
@@ -90,7 +90,7 @@ def test_a_wrong_size_is_refused_and_named_and_what_disagrees_is_said(
     both = held(survey, edge_m=EDGE_M, bars=tmp_path / "bars.csv")
     assert both.markers is not None and not both.markers.refused
     assert any(
-        "bar 3-7: with all of the markers the map still says 0.99" in said
+        "bar 3-7: with all markers the map still has 0.99" in said
         for said in both.placement.warnings
     )
 
@@ -143,7 +143,7 @@ def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(
     marks = Marks({}, EDGE_M, {}, {})
     nothing = first_fit(marks, np.tile(np.eye(4), (5, 1, 1)))
     assert (nothing.scale, nothing.scale_std) == (1.0, pytest.approx(0.005))
-    assert "of which nothing is known" in str(nothing)
+    assert "no marker constrains the map" in str(nothing)
     assert "ranges must be -1.80 % longer" in replace(nothing, scale=0.982).warnings[0]
 
 
@@ -169,7 +169,7 @@ def test_a_fused_map_is_held_to_its_markers_and_everything_reads_it_so(
     write_run(tmp_path / "out", frames, RIG)
     size = ("--set", f"mapping.markers.edge_m={EDGE_M}", "--set", "mapping.voxel_m=0.02")
     code, said, _ = cli("fuse", tmp_path / "out", *size)
-    assert code == 0 and "markers: 3 found; ranges taken 0.98" in said
+    assert code == 0 and "markers: 3 found; ranges multiplied by 0.98" in said
     assert json.loads((tmp_path / "out/map/map.json").read_text())["range_scale"] == pytest.approx(
         1 / OFF, rel=1e-3
     )

@@ -52,7 +52,7 @@ def test_scale_bars(name: str, tmp_path: Path) -> None:
 
 def test_a_unit_that_is_not_known_is_named(tmp_path: Path) -> None:
     (tmp_path / "bars.csv").write_text("first,second,length (yd)\n1,2,0.5\n")
-    with pytest.raises(InputError, match=r"'length \(yd\)': its unit is not known: write m"):
+    with pytest.raises(InputError, match=r"'length \(yd\)': its unit is unknown: write m"):
         read_bars(tmp_path / "bars.csv")
 
 
@@ -116,7 +116,7 @@ def test_latitudes_and_longitudes_become_meters(tmp_path: Path) -> None:
         (read_bars, "target a,target b,0.5,0.01\n",
         "line 1: 'target a' is not a number of a marker"),
         (read_bars, "#Label,Distance (m)\ntarget 1,0.5\n",
-        "line 2: 'target 1' names no two markers"),
+        "line 2: 'target 1' does not name two markers"),
         (read_bars, "first,second,how far\n1,2,3\n",
         "has no column 'length_m' .it has first, second, how far"),
         (read_bars, "first,second,length_m\n1,2\n", "line 2: has too few columns"),
@@ -157,10 +157,10 @@ def test_a_mistyped_place_is_named_and_right_ones_are_not() -> None:
     assert control_fit(MARKERS, places).doubt == ""
     places[3][1] += 1.0
     assert control_fit(MARKERS, places).doubt.startswith(
-        "marker 3 lies 1.000 m from where the others put it"
+        "marker 3 lies 1.000 m from its position according to the others"
     )
     three = {number: places[number] for number in (1, 2, 3)}
-    assert "standard errors: are all places right?" in control_fit(MARKERS, three).doubt
+    assert "standard errors: are all given positions correct?" in control_fit(MARKERS, three).doubt
     assert control_fit(MARKERS, three, dict.fromkeys(three, 1.0)).doubt == "", (
         "within their standard errors"
     )
@@ -183,5 +183,7 @@ def test_places_that_turn_the_map_upside_down_are_refused(exchange: str) -> None
         {},
         {number: (place, 0.01) for number, place in places.items()},
     )
-    with pytest.raises(MappingError, match="the surveyed places put the bottom above the cameras"):
+    with pytest.raises(
+        MappingError, match="the surveyed positions put the bottom above the cameras"
+    ):
         at_places(marks, Placement(CAMERAS, np.zeros(3, np.int64)))

@@ -136,7 +136,7 @@ WRONG: dict[str, Callable[[Poses], Poses]] = {
     "the poses in the opposite order": lambda T: T[::-1],
     "positions in feet": positions(lambda p: p / 0.3048),
     "positions in centimeters": positions(lambda p: p * 100),
-    "positions turned by -30 degrees about the vertical, or headings by as much the other way": positions(  # noqa: E501
+    "positions rotated by -30 degrees about the vertical, or headings by the opposite angle": positions(  # noqa: E501
         lambda p: p @ rotation_from_vector(np.radians([0, 0, 30])).T
     ),
 }

@@ -60,7 +60,7 @@ def test_poses_in_reverse_order_are_named(
 ) -> None:
     (line,) = parts(noisy(std_m, first, last), turned)
     ends = (last, first) if turned else (first, last)
-    assert f"from f{ends[0]:02} to f{ends[1]:02} contradict the pictures" in line
+    assert f"from f{ends[0]:02} to f{ends[1]:02} contradict the images" in line
     assert "in reverse order they would fit" in line
 
 
@@ -69,7 +69,7 @@ def test_poses_of_another_time_are_named_without_a_cause() -> None:
         T[10:18] = T[np.random.default_rng(0).permutation(8) + 10]
 
     (line,) = parts(change)
-    assert "nor would they in reverse order" in line
+    assert "they do not fit in reverse order either" in line
 
 
 def jump(T: Poses) -> None:

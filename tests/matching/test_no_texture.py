@@ -58,7 +58,7 @@ def test_a_pair_of_open_water_is_done_and_marked(
     )
     warned = (out / "frames.csv").read_text()
     assert "both images show too little texture to match" in warned
-    assert ("the dive's water at 1." in warned) == (unknown == "interpolate")
+    assert ("corrected for 1." in warned) == (unknown == "interpolate")
     if unknown == "black":
         assert not corrected.any()
     else:  # the red that 1.5 m of this water take is given back

@@ -159,7 +159,7 @@ def test_waters_of_single_frames_serve_only_those(tmp_path: Path) -> None:
     path = tmp_path / "water.json"
     path.write_bytes(b"".join(waters_content({"a": some_water(1), "b": some_water(2)})))
     np.testing.assert_array_equal(read_waters(path, ["b"])["b"].x, some_water(2).x)
-    with pytest.raises(InputError, match=r"none for 'c': fit it with color\.lock=survey"):
+    with pytest.raises(InputError, match=r"none for 'c': fit them with color\.lock=survey"):
         read_waters(path, ["c"])
 
 
@@ -243,7 +243,7 @@ def test_table_joins_what_the_stages_say_of_a_pair() -> None:
 def test_a_jpeg_that_is_cut_short_is_not_read(tmp_path: Path) -> None:
     content = encode_image(RNG.integers(0, 255, (64, 64, 3), dtype=np.uint8), "jpg")
     (tmp_path / "a.jpg").write_bytes(content[: len(content) // 2])
-    with pytest.raises(InputError, match=r"a\.jpg: is cut short"):
+    with pytest.raises(InputError, match=r"a\.jpg: is truncated"):
         read_array(tmp_path / "a.jpg")
 
 

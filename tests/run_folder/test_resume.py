@@ -112,7 +112,7 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     assert killed.returncode == -signal.SIGKILL
     code, _, said = cli("fuse", str(out))
     assert code == 1 and said.count("\n") == 1
-    assert "a run with other settings was killed" in said and "run the same line again" in said
+    assert "a run with other settings was killed" in said and "run the same command again" in said
     with pytest.raises(InputError, match="was killed"):
         open_run(out)
     code, printed, _ = cli(*words)
@@ -239,7 +239,7 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(
     notes = run_in_process(dive, out).notes
     before, first = contents(out), len(fits)
     assert run_in_process(dive, out).notes == notes
-    assert notes[1].startswith("light: no two frames were found to show the same spots")
+    assert notes[1].startswith("light: no two frames show the same spots")
     assert len(fits) == first
     (out / ".state" / "fit.kept").write_text("{}")
     run_in_process(dive, out)

@@ -169,7 +169,7 @@ def test_files_in_a_products_place_are_refused(
     out = tmp_path / "out"
     copy_run(out)
     before, mine = contents(out), keep(out / name)
-    with pytest.raises(OutputError, match=r"is not of this program.*nothing was touched"):
+    with pytest.raises(OutputError, match=r"is not of this program.*nothing was changed"):
         go(dive, out, "color.lock=survey", overwrite=overwrite)
     assert mine.read_bytes() == PRECIOUS
     assert contents(out).items() >= before.items()
@@ -188,7 +188,7 @@ def test_a_product_that_the_user_edited_is_kept_aside(
     keep(out / "corrected/0001.png")
     summary = go(dive, out, *settings, overwrite=overwrite)
     assert (out / "set_aside/corrected/0001.png").read_bytes() == PRECIOUS
-    assert any("0001.png: was changed since the program wrote it" in note for note in summary.notes)
+    assert any("0001.png: was changed after the program wrote it" in note for note in summary.notes)
     assert summary.all_done
     assert len(list((out / "corrected").iterdir())) == 3
 
@@ -242,7 +242,7 @@ def test_overwrite_never_deletes_its_own_inputs(
     )
     options = RunOptions(overwrite=True, config_file=config_file, water=water)
     with pytest.raises(
-        OutputError, match=rf"{given}: is an input of this run.*nothing was touched"
+        OutputError, match=rf"{given}: is an input of this run.*nothing was changed"
     ):
         run(left, right, calib, out, options=options)
     assert contents(out) == before
@@ -303,7 +303,7 @@ def test_another_dives_results_are_refused_without_the_flag(
     dive.root.rename(tmp_path / "first/dive")
     other = make_dive(3, seed=5)
     other.root.rename(tmp_path / "second")
-    with pytest.raises(OutputError, match="holds the results of another dive"):
+    with pytest.raises(OutputError, match="contains the results of another dive"):
         go(replace(other, root=tmp_path / "second"), out)
     assert contents(out) == before
 
@@ -313,7 +313,7 @@ def test_two_programs_never_write_into_one_folder(
     dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]
 ) -> None:
     out = tmp_path / "out"
-    with held(out), pytest.raises(OutputError, match="another run is writing into it now"):
+    with held(out), pytest.raises(OutputError, match="another run writes into it now"):
         command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
 
 
@@ -391,8 +391,7 @@ def test_old_products_of_a_pair_that_fails_now_are_kept_aside(dive: Dive, tmp_pa
     (dive.root / "R/0001.png").write_bytes(b"broken")
     summary = go(dive, out)
     assert [
-        row.error.endswith("(what an earlier run made of it is in set_aside)")
-        for row in summary.rows
+        row.error.endswith("(results of an earlier run are in set_aside)") for row in summary.rows
     ] == [False, True, False]
     assert not list(out.glob("*/0001.*"))
     assert products_of(out / "set_aside", "0001") == before and len(before) == 6
@@ -416,7 +415,7 @@ def test_products_of_a_pair_that_was_removed_are_kept_aside(
     summary = go(dive, out)
     assert summary.all_done
     assert (
-        "1 frame of an earlier run, no longer in the dive: what was made of it is kept in "
+        "1 frame of an earlier run, no longer in the dive: its results are kept in "
         f"{out / 'set_aside'}" in summary.notes
     )
     assert not list(out.glob("*/0001.*"))
@@ -436,7 +435,7 @@ def test_ranges_by_another_calibration_leave_no_old_colors(
     write_rig(replace(rig, T_right_left=wider), dive.root / "other.yaml")
     range_maps(dive.root / "L", dive.root / "R", dive.root / "other.yaml", out)
     assert not list(out.glob("corrected/*")) + list(out.glob("mask/*"))
-    with pytest.raises(InputError, match="holds no frame that went through all stages"):
+    with pytest.raises(InputError, match="contains no frame that finished all stages"):
         SurveyFrames(open_run(out))
 
 
@@ -469,7 +468,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(
     assert summary.stopped
     assert summary.count("pending") >= 1
     assert statuses(out).keys() == {"0000", "0001", "0002"}
-    with pytest.raises(InputError, match=r"was stopped midway|run it to its end first"):
+    with pytest.raises(InputError, match=r"was stopped: |finish the run first"):
         SurveyFrames(open_run(out))
     assert go(dive, out).all_done
     assert len(SurveyFrames(open_run(out))) == 3

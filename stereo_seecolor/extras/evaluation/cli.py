@@ -1,4 +1,4 @@
-"""Commands that measure the quality of a run, and the water from charts: evaluate, water."""
+"""Commands that measure the quality of a run, and its water parameters: evaluate, water."""
 
 import shlex
 from math import isnan
@@ -27,12 +27,14 @@ FinishedRun = Annotated[
     ),
 ]
 Truth = Annotated[
-    Path | None, opt.option("--truth", "FOLDER", "The truth/ folder of a dive made by synthesize.")
+    Path | None,
+    opt.option("--truth", "FOLDER", "The truth/ folder of a dive that synthesize made."),
 ]
 BySpread = Annotated[
     bool,
     opt.flag(
-        "--spread", "Compare the same spots of the reef between the frames of OUT; needs no truth."
+        "--spread",
+        ("Compare the same spots of the reef between the frames of OUT; needs no ground truth."),
     ),
 ]
 ByChart = Annotated[
@@ -43,7 +45,7 @@ Images = Annotated[
     opt.option(
         "--images",
         "FOLDER",
-        "Folder of uncorrected images whose pixels are those of the range maps, as rectify "
+        "Folder of uncorrected images with the same pixels as the range maps, as rectify "
         "writes them.",
         CHARTS,
     ),
@@ -56,7 +58,7 @@ Targets = Annotated[
     opt.option(
         "--targets",
         "FILE",
-        "JSON of chart corners and polygons. Default: charts are searched for.",
+        "JSON of chart corners and polygons. Default: charts are detected.",
         CHARTS,
     ),
 ]
@@ -65,8 +67,8 @@ Others = Annotated[
     opt.option(
         "--others",
         "[NAME=]FOLDER",
-        "Results of another tool: a folder of images with the same names (for --spread of the "
-        "rectified ones), called NAME. May be repeated.",
+        "Results of another tool: a folder of images with the same names (with --spread "
+        "the names of the frames); NAME is the name in the table. May be repeated.",
         CHARTS,
     ),
 ]
@@ -94,8 +96,8 @@ def evaluate(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Measure quality: errors against truth (--truth), differences between views (--spread), errors
-    on charts (--chart).
+    """Measure quality: errors relative to ground truth (--truth), differences between views
+    (--spread), errors on charts (--chart).
     """
     from stereo_seecolor.extras.evaluation.charts.scores import evaluate_charts
     from stereo_seecolor.extras.evaluation.truth import evaluate as evaluate_run
@@ -137,7 +139,7 @@ OfCharts = Annotated[
 WhiteTargets = Annotated[
     Path | None,
     opt.option(
-        "--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for."
+        "--targets", "FILE", "JSON of chart corners and polygons. Default: charts are detected."
     ),
 ]
 
@@ -147,7 +149,7 @@ WhiteSpots = Annotated[
     opt.option(
         "--white",
         "FRAME:x,y",
-        "White point from a spot that is white: a pixel of a corrected image. May be repeated.",
+        "White point from a white spot: a pixel of a corrected image. May be repeated.",
     ),
 ]
 SandSpots = Annotated[
@@ -175,8 +177,8 @@ def water(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or
-    its white point from charts (--chart) or spots that you know (--white, --sand).
+    """Measure the water parameters of a run, for run --water: from spots that several frames see
+    (--poses), or only the white point from charts (--chart) or known spots (--white, --sand).
     """
     from stereo_seecolor.errors import InputError
     from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
@@ -200,7 +202,7 @@ def water(
 
 
 def truth_text(report: "TruthReport") -> str:
-    """Errors of a run against truth: ranges, and colors beside those of the raw images."""
+    """Errors of a run relative to ground truth: ranges, and colors with those of the raw images."""
     ranges, color, raw = report.range, report.color, report.raw_color
     measures = (
         ("mean angle to the true color, degrees", "angle_deg", ".2f"),
@@ -272,7 +274,7 @@ def charts_text(report: "ChartReport") -> str:
 
 
 def _ranges_text(report: "ChartReport") -> str:
-    """A table of how much the color of the same patch differs between ranges; "" where it was not
+    """A table of the color difference of the same patch between ranges; "" where it was not
     measured.
     """
     if not report.spreads:
@@ -295,7 +297,7 @@ def _ranges_text(report: "ChartReport") -> str:
 
 
 def spread_text(report: "SpreadReport") -> str:
-    """A table of how much the same spots differ between frames."""
+    """A table of the differences of the same spots between frames."""
     measures = (
         ("brightness of one spot between views, robust spread", "luminance", ".3f"),
         ("brightness between frames, rms", "frame_offsets", ".3f"),

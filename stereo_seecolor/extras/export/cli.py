@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @command("Other programs", "export --list", "export OUT --to colmap --out COLMAP")
 def export(
     out: Annotated[
-        Path | None, typer.Argument(metavar="OUT", help="Output folder of a run that was fused.")
+        Path | None, typer.Argument(metavar="OUT", help="Output folder of a fused run.")
     ] = None,
     to: Annotated[str, opt.option("--to", "FORMAT", "Format to write, one of --list.")] = "",
     folder: Annotated[

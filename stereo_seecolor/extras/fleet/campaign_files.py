@@ -82,7 +82,8 @@ def _written(root: Path) -> dict[str, list[str]]:
         return {}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise OutputError(
-            f"{file}: is not as this program writes it: move it elsewhere; nothing was touched"
+            f"{file}: does not have the form that this program writes: move it elsewhere; nothing "
+            "was changed"
         ) from error
 
 

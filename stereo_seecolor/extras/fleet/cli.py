@@ -36,14 +36,17 @@ def merge(
         bool,
         opt.flag(
             "--fit-only",
-            "Stop after fitting water.json, which run --shard --water then uses on all machines.",
+            ("Stop after fitting water.json; run --shard --water then uses it on all machines."),
         ),
     ] = False,
     partial: Annotated[
         bool,
         opt.flag(
             "--partial",
-            "Merge although shards are missing; summary, run.json and page name them, exit code 3.",
+            (
+                "Merge even if shards are missing; summary, run.json and page name them, "
+                "exit code 3."
+            ),
         ),
     ] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
@@ -52,7 +55,7 @@ def merge(
     *,
     report: Report,
 ) -> None:
-    """Join the results of the shards of a dive into one output folder with one water; fuse then
+    """Join the shards of a dive into one output folder, with one set of water parameters; fuse then
     makes the map.
     """
     from stereo_seecolor.extras.fleet.merge import merge as join
@@ -71,12 +74,12 @@ def status(
     outs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="OUT...", help="Output folders of runs, finished or under way, or of campaigns."
+            metavar="OUT...", help="Output folders of runs, finished or running, or of campaigns."
         ),
     ],
     report: BareReport,
 ) -> None:
-    """Show the progress of runs on any machine: pairs done, failed (and why) and left, and the
+    """Show the progress of runs on any machine: pairs done, failed (with reasons) and left, and the
     expected end.
     """
     from stereo_seecolor.extras.fleet.status import statuses
@@ -102,7 +105,7 @@ def campaign(
     *,
     report: Report,
 ) -> None:
-    """Run many dives, one after the other; a dive that fails does not stop the others."""
+    """Run many dives, one after the other; a failed dive does not stop the others."""
     from stereo_seecolor.extras.fleet.campaign import campaign as run_all
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
@@ -123,7 +126,10 @@ def plan(
         opt.option(
             "--out",
             "FOLDER",
-            "Keep the plan in this folder; a run into the same folder compares its cost with it.",
+            (
+                "Save the plan in this folder; a run into the same folder compares its cost "
+                "with the plan."
+            ),
         ),
     ] = None,
     *,
@@ -143,8 +149,8 @@ def plan(
 # The status of runs, the outcome of a campaign, and the cost of a dive, as text.
 
 REMEDY = {
-    "killed": "ended without a word: run its line again",
-    "stopped": "stopped early: run its line again",
+    "killed": "ended without a word: run its command again",
+    "stopped": "stopped early: run its command again",
     "no run": "holds no run",
 }
 
@@ -182,7 +188,9 @@ def _end(run: "RunStatus") -> str:
 
 
 def _run_end(run: "RunStatus") -> str:
-    """The expected end of a run under way, and what the estimate leaves out; "" for other runs."""
+    """The expected end of an active run, and the parts that the estimate leaves out; "" for other
+    runs.
+    """
     if run.state != "running":
         return ""
     then = f"then {', '.join(run.to_come)}; " if run.to_come else ""

@@ -139,7 +139,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
     pipeline = Pipeline(load_rig(str(first.rig)), first.run.config)
     if pipeline.settings != first.settings:
         raise InputError(
-            f"{first.root}: was made by another version of the program: run its line again first"
+            f"{first.root}: was made by another version of the program: run its command again first"
         )
     unpaired = {
         row.left: Unpaired(Path(row.left), row.error.removeprefix(f"{row.left}: "))
@@ -199,8 +199,8 @@ def _waters(parts: Sequence[Part]) -> Mapping[str, Water] | None:
         return None
     if missing:
         raise InputError(
-            f"{missing[0]}: has no water yet, and other parts have: run its line again with the "
-            "same --water"
+            f"{missing[0]}: has no water yet, and other parts have: run its command again with "
+            "the same --water"
         )
     return {name: water for found in waters.values() for name, water in (found or {}).items()}
 

@@ -35,7 +35,7 @@ def metrics(
         opt.option(
             "--points",
             "FILE",
-            "Labelled points: CoralNet's annotations (CSV) of exported tiles or of frames.",
+            "Labeled points: CoralNet annotations (CSV) of exported tiles or of frames.",
         ),
     ] = None,
     folder: Annotated[
@@ -44,8 +44,8 @@ def metrics(
     *,
     report: BareReport,
 ) -> None:
-    """Measure rugosity and structure of a fused run, and colonies and cover by polygons or points,
-    with standard errors.
+    """Compute rugosity and structure of a fused run, and colonies and cover from polygons or
+    points, with standard errors.
     """
     from stereo_seecolor.extras.reef.compare import metrics as measure
 
@@ -58,15 +58,13 @@ def metrics(
 
 @command("Ecology", "compare 2024 2025 --out CHANGE")
 def compare(
-    first: Annotated[
-        Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")
-    ],
+    first: Annotated[Path, typer.Argument(metavar="FIRST", help="Output folder of a fused run.")],
     second: Annotated[
-        Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")
+        Path, typer.Argument(metavar="SECOND", help="The same for a later dive at the same site.")
     ],
     folder: Annotated[
         Path | None,
-        opt.option("--out", "FOLDER", "A new or empty folder for rasters, table and picture."),
+        opt.option("--out", "FOLDER", "A new or empty folder for rasters, tables and images."),
     ] = None,
     joint: Annotated[
         bool,
@@ -79,7 +77,7 @@ def compare(
     *,
     report: BareReport,
 ) -> None:
-    """Find what changed between two fused runs of one site: growth, loss and color, with standard
+    """Detect changes between two fused runs of one site: growth, loss and color, with standard
     errors.
     """
     from stereo_seecolor.extras.reef.compare import compare as compare_runs
@@ -122,16 +120,17 @@ def markers(
     ] = None,
     points: Annotated[
         Path | None,
-        opt.option("--points", "FILE", "Surveyed places: CSV with marker, x_m, y_m, z_m."),
+        opt.option("--points", "FILE", "Surveyed positions: CSV with marker, x_m, y_m, z_m."),
     ] = None,
     folder: Annotated[
-        Path | None, opt.option("--out", "FOLDER", "A new or empty folder for table and track.")
+        Path | None,
+        opt.option("--out", "FOLDER", "A new or empty folder for the table and the track."),
     ] = None,
     *,
     report: BareReport,
 ) -> None:
-    """Find markers in a fused run, and check its scale by their size and scale bars, and its place
-    by surveyed markers.
+    """Detect markers in a fused run; check its scale by marker size and scale bars, and its
+    position by surveyed markers.
     """
     from stereo_seecolor.extras.reef.markers import Known
     from stereo_seecolor.extras.reef.markers import markers as find
@@ -157,7 +156,7 @@ def measure(
     ],
     lengths: Annotated[
         bool,
-        opt.flag("--lengths", "Print the lengths as a table with EventMeasure's columns instead."),
+        opt.flag("--lengths", "Print only the lengths, as a table with EventMeasure's columns."),
     ] = False,
     *,
     report: BareReport,
@@ -206,7 +205,7 @@ def metrics_text(result: "SiteMetrics") -> str:
 
 
 SAID_FROM = 0.05
-"""Parts of an outline that were not seen, or that others share, are said from this fraction on."""
+"""Fraction of an outline, unseen or shared with others, from which on a line reports it."""
 
 
 def _doubts(result: "SiteMetrics") -> list[str]:
@@ -277,7 +276,7 @@ def _patches(found: "Comparison") -> str:
 
 
 def _structure(result: "SiteMetrics") -> str:
-    """A table with a column for each scale; the standard error in brackets, in units of the last
+    """A table with a column for each scale; the standard error in parentheses, in units of the last
     digit.
     """
     if not result.structure:
@@ -354,7 +353,7 @@ def _point_cover(result: "SiteMetrics") -> str:
 
 
 def markers_text(found: "FoundMarkers") -> str:
-    """Each marker, then the scale by sizes and bars, then the residuals of surveyed places."""
+    """Each marker, then the scale by sizes and bars, then the residuals of surveyed positions."""
     rows = [
         (
             f"{each.number}",
@@ -376,7 +375,7 @@ def markers_text(found: "FoundMarkers") -> str:
     if found.control:
         text.append(
             lines(
-                f"surveyed places: {len(found.control.residuals_m)} found, "
+                f"surveyed positions: {len(found.control.residuals_m)} found, "
                 f"{1000 * found.control.rms_m:.1f} mm RMS"
             )
         )

@@ -20,8 +20,8 @@ OneSource = Annotated[
     opt.option(
         "--source",
         "SOURCE",
-        "Both sides in one option: a bag, a folder with left/ and right/ in it, LEFT,RIGHT, or a "
-        "camera that shows both.",
+        "Both sides in one option: a bag, a folder that contains left/ and right/, "
+        "LEFT,RIGHT, or a camera that shows both.",
     ),
 ]
 LeftSource = Annotated[
@@ -36,7 +36,9 @@ LeftSource = Annotated[
 RightSource = Annotated[
     str | None,
     opt.option(
-        "--right", "SOURCE", "The same for the right side; the left camera again if it shows both."
+        "--right",
+        "SOURCE",
+        "The same for the right side; the left camera again if it shows both sides.",
     ),
 ]
 Publish = Annotated[
@@ -44,8 +46,8 @@ Publish = Annotated[
     opt.option(
         "--publish",
         "NAMESPACE",
-        "Publish all pairs as ROS 2 topics in this namespace, such as /seecolor. ROS need not be "
-        "installed.",
+        "Publish all pairs as ROS 2 topics in this namespace, for example /seecolor. ROS "
+        "need not be installed.",
     ),
 ]
 Played = Annotated[
@@ -55,11 +57,13 @@ Played = Annotated[
 KeptIn = Annotated[
     Path | None,
     opt.option(
-        "--out", "FOLDER", "Keep all products in this new or empty folder. Default: none are kept."
+        "--out",
+        "FOLDER",
+        "Save all products in this new or empty folder. Default: products are not saved.",
     ),
 ]
 Every = Annotated[
-    int, opt.option("--every", "N", "Keep the products of every Nth pair only, in --out.", min=1)
+    int, opt.option("--every", "N", "Save only the products of every Nth pair in --out.", min=1)
 ]
 Record = Annotated[
     Path | None,
@@ -74,7 +78,7 @@ Host = Annotated[
     opt.option(
         "--host",
         "ADDRESS",
-        "Address that the page is served on. 0.0.0.0: other machines can open it too, by a URL "
+        "Network address of the page. 0.0.0.0: other machines can open it, too, by a URL "
         "with a random token.",
     ),
 ]
@@ -83,7 +87,10 @@ BudgetMs = Annotated[
     opt.option(
         "--budget-ms",
         "MS",
-        "Time for a pair, in milliseconds. Where pairs take longer, they are matched at half size.",
+        (
+            "Time limit for a pair, in milliseconds. If pairs take longer, they are matched "
+            "at half size."
+        ),
         min=1,
     ),
 ]
@@ -93,13 +100,13 @@ Port = Annotated[
     opt.option(
         "--port",
         "N",
-        "Show the last pair on http://127.0.0.1:N; 0 takes a free port.",
+        "Show the last pair on http://127.0.0.1:N; 0 selects a free port.",
         min=0,
         max=65535,
     ),
 ]
 Pairs = Annotated[
-    int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: at Ctrl-C.", min=1)
+    int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: run until Ctrl-C.", min=1)
 ]
 
 
@@ -125,8 +132,8 @@ def live(
     device: opt.Device = None,
     report: LoggedReport,
 ) -> None:
-    """Correct pairs as they arrive, from folders, cameras, ROS 2 topics or a played bag; always the
-    newest pair.
+    """Correct pairs as they arrive from folders, cameras, ROS 2 topics or a bag; the newest pair
+    comes first.
     """
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions
@@ -177,14 +184,14 @@ def live(
 BagArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag."
+        metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with the files of one bag."
     ),
 ]
 
 
 BagRig = Annotated[
     str | None,
-    opt.option("--calib", "FILE", "Calibration of the rig, in place of the bag's camera_info."),
+    opt.option("--calib", "FILE", "Calibration of the rig, used instead of the bag's camera_info."),
 ]
 
 
@@ -213,8 +220,8 @@ RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the 
 def bag_info(
     bag: BagArgument, topics: opt.Topics = "", calib: BagRig = None, *, report: LoggedReport
 ) -> None:
-    """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there
-    are none.
+    """List the topics of a ROS bag and the pairs that run would use; exit code 3 if there are no
+    pairs.
     """
     from stereo_seecolor.extras.streams.bag_inputs import bag_info as look
 
@@ -258,8 +265,8 @@ def bag_text(found: "BagFacts", calib: str = "") -> str:
 
 @command("Bags, videos, live", "sync left.mp4 right.mp4")
 def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
-    """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image
-    motion.
+    """Estimate clock offset and drift between two unsynchronized cameras from sound, a flash and
+    image motion.
     """
     from stereo_seecolor.extras.streams.videos.synchronization import sync as find
 

@@ -18,12 +18,12 @@ def check_mcap(file: Path, overwrite: bool, bag: Path | None) -> None:
         return
     if not overwrite:
         raise OutputError(
-            f"{file}: is there already: give --overwrite to replace it, or another name"
+            f"{file}: already exists: give --overwrite to replace it, or another name"
         )
     if bag and file.resolve().is_relative_to(bag.resolve()):
         raise OutputError(
             f"{file}: is an input of this run, and would be replaced: give another name; nothing "
-            "was touched"
+            "was changed"
         )
     _refuse_foreign(file)
 
@@ -31,8 +31,8 @@ def check_mcap(file: Path, overwrite: bool, bag: Path | None) -> None:
 def _refuse_foreign(file: Path) -> None:
     if not is_recording(file):
         raise OutputError(
-            f"{file}: is not a recording of this program, and is not replaced: give another name; "
-            "nothing was touched"
+            f"{file}: is not a recording of this program, and is not replaced: give another "
+            "name; nothing was changed"
         )
 
 

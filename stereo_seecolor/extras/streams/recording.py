@@ -90,7 +90,7 @@ class McapRecording:
             self._file = path.open("xb")
         except FileExistsError as error:
             raise OutputError(
-                f"{path}: is there already, and is not written over: give another name"
+                f"{path}: already exists, and is not overwritten: give another name"
             ) from error
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from error

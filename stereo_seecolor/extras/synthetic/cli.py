@@ -1,4 +1,4 @@
-"""Commands that make a dive with known truth: synthesize, demo."""
+"""Commands that render a synthetic dive with ground truth: synthesize, demo."""
 
 from pathlib import Path
 from typing import Annotated
@@ -24,7 +24,7 @@ WaterName = Annotated[
 
 
 Seed = Annotated[
-    int, opt.option("--seed", "N", "Random seed; each gives another reef and track.", min=0)
+    int, opt.option("--seed", "N", "Random seed; each seed gives another reef and track.", min=0)
 ]
 
 
@@ -39,7 +39,7 @@ def synthesize(
     *,
     report: Report,
 ) -> None:
-    """Render a dive over a reef with known truth (docs/synthetic.md)."""
+    """Render a dive over a synthetic reef, with ground truth (docs/synthetic.md)."""
     from stereo_seecolor.extras.synthetic.demo import synthesize as render
     from stereo_seecolor.extras.synthetic.dive import parse_spec
 
@@ -58,7 +58,7 @@ def synthesize(
 def demo(
     out: opt.Out = Path("demo"), workers: opt.Workers = opt.DEFAULT_WORKERS, *, report: Report
 ) -> None:
-    """Render a small reef, run the whole job on it, and compare the result with the truth."""
+    """Render a small reef, run all stages on it, and compare the result with the ground truth."""
     from stereo_seecolor.dive.run_options import RunOptions
     from stereo_seecolor.extras.synthetic.demo import demo as show
 

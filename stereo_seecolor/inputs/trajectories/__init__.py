@@ -142,7 +142,8 @@ def _table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, Mapping[str
             return table, columns or column_map.guessed(table)
     if not columns:
         raise InputError(
-            f"{lines.path}: is not a table of navigation with times: only those can be joined"
+            f"{lines.path}: is not a table of navigation with times: only tables with times can "
+            "be joined"
         )
     return lines, columns
 
@@ -197,7 +198,7 @@ def _known(lines: Lines) -> tuple[TextFormat, Lines]:
         raise InputError(f"{lines.path}: is {kind}")
     titles = ", ".join(format.title for format in (*FORMATS, *added_formats()))
     raise InputError(
-        f"{lines.path}: is not a trajectory that is known here ({titles}; or any table with a map "
-        "of its columns, nav.csv:time=...,lat=...,lon=...,depth=...,heading=...); first line: "
+        f"{lines.path}: is not a trajectory of a known format ({titles}; or any table with a "
+        "column map, nav.csv:time=...,lat=...,lon=...,depth=...,heading=...); first line: "
         f"{lines.first[:60]!r}"
     )

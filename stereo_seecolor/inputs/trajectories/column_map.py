@@ -42,9 +42,9 @@ ROLES = {
     "depth": "meters below the surface; all negative: meters above it",
     "up": "meters above it, instead of depth",
     "heading": "degrees clockwise from north",
-    "pitch": "degrees, bow up; 0 where absent",
-    "roll": "degrees, starboard down; 0 where absent",
-    "valid": "false or 0 where the position is not known",
+    "pitch": "degrees, bow up; default 0",
+    "roll": "degrees, starboard down; default 0",
+    "valid": "false or 0 if the position is unknown",
 }
 _PLACE = "lat and lon (or north and east)"
 _ANGLES = {"lat", "lon", "heading", "pitch", "roll"}
@@ -112,8 +112,8 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
         if role not in ROLES or not column or role in columns:
             known = ", ".join(ROLES)
             raise InputError(
-                f"{spec}: {part!r} is not a role=column with a role of its own ({known}): write "
-                f"{_EXAMPLE}"
+                f"{spec}: {part!r} is not a role=column with a known, unused role ({known}): "
+                f"write {_EXAMPLE}"
             )
         columns[role] = column
     return Path(match["file"]), columns
@@ -194,12 +194,12 @@ def read_together(
     together = ",".join(str(lines.path) for lines, _ in tables)
     roles = {role for _, columns in tables for role in columns} - {"name"}
     if missing := _missing(dict.fromkeys(roles, "")):
-        raise InputError(f"{together}: hold no {', '.join(missing)}")
+        raise InputError(f"{together}: lack {', '.join(missing)}")
     read_tables = [(_table(lines, columns), columns) for lines, columns in tables]
     times = []
     for table, columns in read_tables:
         if "time" not in columns:
-            raise InputError(f"{table.lines.path}: holds no times, by which tables are joined")
+            raise InputError(f"{table.lines.path}: has no times, which are needed to join tables")
         times.append(_times(table, columns, by_names=True))
     base = max(times, key=len)
     values: dict[str, Column] = {}

@@ -45,8 +45,8 @@ _TEXT = (
     ),
     (
         r"\$PSIMSSB,",
-        "a log of a Kongsberg HiPAP (PSIMSSB), in meters from the ship and without a date: save it "
-        "as CSV with time, lat, lon, depth, made with the ship's own place and heading",
+        "a log of a Kongsberg HiPAP (PSIMSSB), in meters from the ship and without a date: save "
+        "it as CSV with time, lat, lon, depth, made with the position and heading of the ship",
     ),
     (r"<kml", "a KML file without times: give GPX, or CSV with time, lat and lon"),
     (

@@ -59,8 +59,8 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     spec = ",".join(f"{role}={name}" for role, name in others.items())
     note = (
         f"{lines.path.name}: {' and '.join(others)} ({', '.join(others.values())}) are not used, "
-        "which may be of a ship's compass or echo sounder: where they are those of the camera's "
-        f"vehicle, give --poses {lines.path.name}:{spec}"
+        "because they may come from the compass or echo sounder of a ship: if they come from "
+        f"the vehicle of the camera, give --poses {lines.path.name}:{spec}"
     )
     return replace(fixes, notes=(note,))
 
@@ -87,9 +87,9 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
         rows = _kml_rows(text)
     elif beacon := _BEACON.search(text):
         raise InputError(
-            f"{lines.path}: holds positions of an acoustic beacon ({beacon[1]}) beside those of "
-            "the ship, which are not the camera's: save the beacon's as CSV with time, lat, lon, "
-            "depth"
+            f"{lines.path}: holds positions of an acoustic beacon ({beacon[1]}) and of the ship, "
+            "which are not those of the camera: save the positions of the beacon as CSV with "
+            "time, lat, lon, depth"
         )
     else:
         rows = _nmea_rows(lines, names)
@@ -127,7 +127,7 @@ def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
     """
     if unknown := [name for name in names if name not in SENTENCES]:
         raise InputError(
-            f"{lines.path}: {unknown[0]} is none of the sentences that are read: "
+            f"{lines.path}: {unknown[0]} is not one of the supported sentences: "
             f"{', '.join(SENTENCES)}"
         )
     found = _sentences(lines, "RMC", "GGA", "GLL", "ZDA")

@@ -108,7 +108,7 @@ def _of_places(trajectory: Trajectory, places: NDArray[np.intp], how: str) -> As
     return Assignment(
         T,
         reasons,
-        [f"the trajectory names no frames and holds no common time: poses were taken {how}"],
+        [f"the trajectory has no frame names and no common times: poses were assigned {how}"],
     )
 
 
@@ -138,8 +138,9 @@ def _by_image_number(index: FrameIndex, trajectory: Trajectory) -> Assignment | 
         T,
         reasons,
         [
-            "the times of the trajectory are whole numbers and not of the frames' clock: they were "
-            f"taken for numbers of images, from {int(numbers[0] == 1)} in order of time"
+            "the times of the trajectory are whole numbers and do not match the clock of the "
+            f"frames: they were read as image numbers, from {int(numbers[0] == 1)} in order "
+            "of time"
         ],
     )
 
@@ -155,9 +156,9 @@ def _by_name(index: FrameIndex, trajectory: Trajectory, by_key: dict[str, list[i
             gaps = np.abs(trajectory.timestamps_s[poses] - index.timestamps_s[i])
             poses = [poses[int(np.nanargmin(gaps))]] if np.isfinite(gaps).any() else poses
         if not poses:
-            reasons[i] = "the trajectory does not name it"
+            reasons[i] = "the trajectory does not contain its name"
         elif len(poses) > 1:
-            reasons[i] = f"the trajectory names it {len(poses)} times"
+            reasons[i] = f"the trajectory contains its name {len(poses)} times"
         elif not finite[poses[0]]:
             reasons[i] = "its pose is not finite"
         elif poses[0] in used:
@@ -194,8 +195,8 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     if offset_s is not None:
         trajectory = replace(trajectory, timestamps_s=trajectory.timestamps_s + offset_s)
         warnings.append(
-            "the times of the poses and of the frames have different origins; there are as "
-            f"many, in the same rhythm: {offset_s:.3f} s were added to those of the poses"
+            "the times of the poses and of the frames have different origins, but equal number "
+            f"and spacing: {offset_s:.3f} s were added to the times of the poses"
         )
     finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
     if not finite.all():
@@ -298,12 +299,12 @@ def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
         )
         file, dive = (f"{times.min():.1f} to {times.max():.1f} s" for times in (poses, frames))
         return (
-            f"the times of the file are {file}, those of the frames {dive}: one starts at 0 "
-            f"with the dive: add {later}"
+            f"the times of the file are {file}, those of the frames {dive}: one of them starts "
+            f"at 0 with the dive: add {later}"
         )
     ahead_h = float(poses.min() - frames.min()) / 3600
     by = f"{abs(ahead_h):.3f} h" if abs(ahead_h) < DAYS_H else f"{abs(ahead_h) / 24:.3f} days"
     return (
         f"it begins {by} {'after' if ahead_h > 0 else 'before'} the first frame: if one clock "
-        "showed local time, or was not set, shift the times of the file by that"
+        "showed local time, or was not set, shift the times of the file by this amount"
     )

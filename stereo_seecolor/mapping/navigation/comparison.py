@@ -44,9 +44,9 @@ what they were, by half of it in the median, and no other reading is asked for.
 STILL_RAD = 1e-6
 """Attitudes that differ by less are one number."""
 ALIKE = (
-    "the given attitudes are all the same, and not those of the pictures: where only positions "
-    "are known, give them alone, as a "
-    "table with a map of its columns (nav.csv:time=...,lat=...,lon=...)"
+    "the given attitudes are all equal, and differ from those of the images: if you have only "
+    "positions, give only these, as a table with a column map "
+    "(nav.csv:time=...,lat=...,lon=...)"
 )
 MIN_FRAMES = 5
 """Fewer do not tell standard errors: the configuration's, or these, are taken."""
@@ -87,14 +87,15 @@ class Navigation:
     def __str__(self) -> str:
         if not self.relative_poses:
             return (
-                "the given poses could not be held against the pictures: no two frames with "
-                "poses show the same things"
+                "the given poses could not be compared with the images: no two frames with poses "
+                "show the same scene"
             )
         text = (
-            f"given poses against the pictures: {self.position_residual_m:.3f} m and "
+            f"given poses relative to the images: {self.position_residual_m:.3f} m and "
             f"{self.attitude_residual_deg:.2f} degrees a relative pose, medians of "
             f"{self.relative_poses}; depths of overlapping frames differ by "
-            f"{self.depth_residual_m:.3f} m, by the pictures' poses {self.depth_noise_m:.3f} m"
+            f"{self.depth_residual_m:.3f} m, by the poses from the images "
+            f"{self.depth_noise_m:.3f} m"
         )
         if np.isfinite(self.position_std_m):
             text += (
@@ -117,7 +118,7 @@ class ComparedNavigation:
     attitude_residual_deg: Array
 
 
-CONTRADICTED = "the given poses contradict the pictures"
+CONTRADICTED = "the given poses contradict the images"
 
 
 def examine(
@@ -162,7 +163,9 @@ def examine(
     if reading:
         return _unfit(verdict, f"{CONTRADICTED}; they would fit with {reading}")
     if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
-        return _unfit(verdict, f"{CONTRADICTED}, however they are read: are they of this dive?")
+        return _unfit(
+            verdict, (f"{CONTRADICTED}, under every interpretation: do they belong to this dive?")
+        )
     advice_lines = [_turn_advice(turn, config)] if helps else []
     straight = turned if helps else T
     arm_m = lever_arm(Motions.of(straight, posed))
@@ -172,8 +175,8 @@ def examine(
     advice_lines += deviations(straight, posed, survey.index) if not rounded else []
     if rounded and step_m > LEAST_STD[0]:
         advice_lines.append(
-            f"the given positions are rounded to {step_m:.2g} m, and weigh as little as that: "
-            "write more digits"
+            f"the given positions are rounded to {step_m:.2g} m, and their weight is limited by "
+            "that: write more digits"
         )
     used = replace(given, T_world_camera=straight)
     return replace(
@@ -272,7 +275,7 @@ def _still(
     )
     if measured_m > max(MOVES_M, position_step_m) and given_m < STILL * measured_m:
         return (
-            "the given positions hardly move while the pictures do: are they latitudes and "
+            "the given positions hardly move while the images do: are they latitudes and "
             "longitudes, instead of meters?"
         )
     turns_rad = np.linalg.norm(rotation_vector(motions.measured[:, :3, :3]), axis=1)
@@ -291,13 +294,14 @@ def _lever_advice(arm_m: Array) -> str:
     right, down, forward = arm_m
     return (
         f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera "
-        f"({right:+.2f} right, {down:+.2f} down, {forward:+.2f} forward), which was taken into "
-        "account: where they are a vehicle's, set mapping.mount.xyz_m"
+        f"({right:+.2f} right, {down:+.2f} down, {forward:+.2f} forward), which was taken "
+        "into account: if they are positions of a vehicle, set mapping.mount.xyz_m"
     )
 
 
 def _turn_advice(turn: Turn, config: MappingConfig) -> str:
     return (
-        f"the camera is turned by {turn.angle_deg:.1f} degrees against the given poses, which was "
-        f"taken into account: where they are a vehicle's, set {mount_with(turn, config.mount)}"
+        f"the camera is rotated by {turn.angle_deg:.1f} degrees relative to the given poses, "
+        "which was taken into account: if they are poses of a vehicle, set "
+        f"{mount_with(turn, config.mount)}"
     )

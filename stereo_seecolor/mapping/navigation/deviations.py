@@ -77,8 +77,9 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
     ):
         return []
     return [
-        f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the pictures: "
-        "their scale is off, or the calibration's (square size, baseline, calibrated in air)"
+        f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the images: "
+        "their scale is wrong, or the scale of the calibration (square size, baseline, "
+        "calibrated in air)"
     ]
 
 
@@ -131,8 +132,8 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
         if (alone_m := _alone_m(off_m[last == frame], -off_m[first == frame])) > limit_m:
             peak[max(frame - 1, 0) : frame + 1] = False
             line = (
-                f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m "
-                "off against the pictures"
+                f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m off "
+                "relative to the images"
             )
             return [
                 line
@@ -141,8 +142,8 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
     a, b = (index.names[index.order[place]] for place in (worst, worst + 1))
     more = f", and at {peak.sum() - 1} more places" if peak.sum() > 1 else ""
     return [
-        f"the given positions jump by {jump_m[worst + 1]:.2f} m against the pictures between {a} "
-        f"and {b}{more}"
+        f"the given positions jump by {jump_m[worst + 1]:.2f} m relative to the images between "
+        f"{a} and {b}{more}"
     ]
 
 

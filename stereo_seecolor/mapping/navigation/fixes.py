@@ -72,8 +72,9 @@ def at_fixes(
         if fit is not None:
             T[frames] = fit.T @ T[frames]
             warnings.append(
-                f"the track lies by {len(fixed)} fixes, which scatter by {fit.scatter_m:.1f} m "
-                f"about it; the standard error of its heading is {fit.heading_std_deg:.0f} degrees"
+                f"the track is aligned to {len(fixed)} fixes, which scatter around it by "
+                f"{fit.scatter_m:.1f} m; the standard error of its heading is "
+                f"{fit.heading_std_deg:.0f} degrees"
             )
             continue
         reason = f"{len(fixed)} fixes along its track do not determine its heading"
@@ -81,7 +82,8 @@ def at_fixes(
             raise MappingError(f"no frame has a fix at its time: {fix}")
         if component == 0:
             raise MappingError(
-                f"{reason}: the dive must be longer than they scatter; map it without --poses"
+                f"{reason}: the dive must be longer than their scatter; make the map without "
+                "--poses"
             )
         unplaced += [Unplaced(index.names[i], reason) for i in frames]
         T[frames], components[frames] = np.nan, -1

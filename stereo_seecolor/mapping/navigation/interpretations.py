@@ -173,8 +173,8 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
     if abs(turn_rad) > INTERPRETATION_SETTINGS.least_turn_rad:
         back = Rotation.from_euler("z", -turn_rad).as_matrix()
         name = (
-            f"positions turned by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or "
-            "headings by as much the other way"
+            f"positions rotated by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or "
+            "headings by the opposite angle"
         )
         yield name, _with_positions(T, lambda p: p @ back.T)
 

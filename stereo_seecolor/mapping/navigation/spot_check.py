@@ -77,7 +77,7 @@ def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
         _QuickDetection(survey.frames, survey.geometry), [int(order[rank]) for rank in ranks]
     ):
         features.append(found)
-        survey.progress("looking at the given poses", len(features), len(ranks))
+        survey.progress("checking the given poses", len(features), len(ranks))
     place = {rank: i for i, rank in enumerate(ranks)}
     relating = Relating(features, survey.geometry)
     relations = ((a, b, relating(((place[a], place[b]), None))) for a, b in pairs)

@@ -35,7 +35,7 @@ def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
     """
     seen = [int(i) for i in np.flatnonzero(placement.components >= 0) if len(index.points_m[i])]
     if not seen:
-        raise MappingError("no placed frame has a measured range: there is nothing to fuse")
+        raise MappingError("no frame of the track has a measured range: there is nothing to fuse")
     if up == "z":
         _check(placement.T_world_camera, index, seen)
         return placement
@@ -46,7 +46,7 @@ def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
             members = placement.frames_of(component)
             T[members] = _level(index, T, own) @ T[members]
     return replace(placement, T_world_camera=T).with_warnings(
-        "the vertical is not known: the map was leveled to its mean bottom"
+        "the vertical is unknown: the map was leveled to its mean bottom"
     )
 
 

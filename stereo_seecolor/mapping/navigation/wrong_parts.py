@@ -93,9 +93,10 @@ def _line(
     cause = (
         f"in reverse order they would fit ({reversed_m:.2f} m): sort the rows of the track by time"
         if reversed_m < REVERSED * given_m
-        else "nor would they in reverse order: are they of another time?"
+        else "they do not fit in reverse order either: do they belong to another time?"
     )
     return (
         f"the given poses from {index.names[part[0]]} to {index.names[part[-1]]} contradict the "
-        f"pictures, by {given_m:.2f} m a relative pose (median), and the others do not; {cause}"
+        f"images, by {given_m:.2f} m per relative pose (median), and the others do not; "
+        f"{cause}"
     )

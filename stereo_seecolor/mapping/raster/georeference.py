@@ -44,7 +44,7 @@ class Georeference:
 def crs_name(origin: GeoOrigin | None) -> str:
     """Describe the map's coordinate reference system in words."""
     if origin is None:
-        return "local meters, no place on Earth"
+        return "local meters, no position on Earth"
     if origin.utm_epsg:
         return (
             f"EPSG:{origin.utm_epsg} (WGS84, UTM zone "
@@ -176,7 +176,7 @@ def write_laz(path: Path, cloud: Path, place: Georeference) -> Path:
     import laspy
     import pyproj
 
-    assert place.origin is not None, "a cloud without a place on Earth has no system to name"
+    assert place.origin is not None, "a cloud without a position on Earth has no coordinate system"
     header = laspy.LasHeader(point_format=7, version="1.4")
     header.scales = np.full(3, 0.001)
     header.offsets = np.array([*np.floor(place.offset_m[:2]), 0.0])

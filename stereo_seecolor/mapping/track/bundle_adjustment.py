@@ -285,26 +285,26 @@ class MarkersFit:
     def __str__(self) -> str:
         if not self.before:
             return (
-                f"markers: {self.markers} found in two frames or more, of which nothing is "
-                "known: the map is held by none"
+                f"markers: {self.markers} found in two frames or more, but their sizes and "
+                "positions are unknown: no marker constrains the map"
             )
         text = (
-            f"markers: {self.markers} found; ranges taken {self.scale:.5f} ± "
-            f"{self.scale_std:.5f} times as long"
+            f"markers: {self.markers} found; ranges multiplied by {self.scale:.5f} ± "
+            f"{self.scale_std:.5f}"
         )
         for name, check in self.before.items():
-            text += f"; {name} {check.ratio:.5f} ± {check.std:.5f} of what was given"
+            text += f"; {name} {check.ratio:.5f} ± {check.std:.5f} of the given length"
             text += f", then {self.after[name].ratio:.5f}" if name in self.after else ", not used"
         if self.control:
-            text += f"; surveyed places within {1000 * self.control.rms_m:.1f} mm RMS"
+            text += f"; surveyed positions within {1000 * self.control.rms_m:.1f} mm RMS"
         return text
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The disagreements, one line each."""
         warnings = [
-            f"{name}: the map has {self.before[name].ratio:.3f} of the given length, more "
-            "than any rig is wrong: not used; is the given length right?"
+            f"{name}: the map has {self.before[name].ratio:.3f} of the given length, a larger "
+            "error than any rig has: not used; is the given length correct?"
             if self.before[name].wrong
             else f"{name}: they contradict the given poses: not used; are they in the "
             "coordinates of the poses?"
@@ -314,18 +314,18 @@ class MarkersFit:
         if off > SETTINGS.told_sigmas * rig:
             warnings.append(
                 "according to the markers, the rig's ranges must be "
-                f"{100 * (self.scale - 1):+.2f} % longer; calibrations seldom are off by more than "
-                f"{100 * rig:.1f} %: calibrate in water, or check the given lengths"
+                f"{100 * (self.scale - 1):+.2f} % longer; calibrations rarely have a larger "
+                f"error than {100 * rig:.1f} %: calibrate in water, or check the given lengths"
             )
         for name, check in self.after.items():
             std = float(np.hypot(check.std, SETTINGS.given_std))
             if abs(check.ratio - 1) > SETTINGS.told_sigmas * std:
                 warnings.append(
-                    f"{name}: with all of the markers the map still says {check.ratio:.5f} of what "
-                    f"was given, {abs(check.ratio - 1) / std:.0f} standard errors off"
+                    f"{name}: with all markers the map still has {check.ratio:.5f} of what was "
+                    f"given, {abs(check.ratio - 1) / std:.0f} standard errors off"
                 )
         return (
-            (*warnings, f"surveyed places: {self.control.doubt}")
+            (*warnings, f"surveyed positions: {self.control.doubt}")
             if self.control and self.control.doubt
             else tuple(warnings)
         )

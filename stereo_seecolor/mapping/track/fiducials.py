@@ -192,7 +192,7 @@ class Marks:
         )
 
 
-EDGES, PLACES = "edges", "surveyed places"
+EDGES, PLACES = "edges", "surveyed positions"
 
 
 def read_known(config: MarkersConfig) -> tuple[dict[tuple[int, int], float], Places]:

@@ -387,7 +387,7 @@ def gtsam_library() -> Any:
     try:
         import gtsam
     except (ImportError, OSError) as error:
-        what = "closing loops and fitting a track to navigation need GTSAM, which is missing"
+        what = "loop closure and navigation as a prior need GTSAM, which is missing"
         raise DeviceError(f"{what} ({error}): pip install 'stereo-seecolor[slam]'") from error
     return gtsam
 

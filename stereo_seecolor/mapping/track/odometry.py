@@ -105,7 +105,9 @@ class Track:
     def measure_neighbors(self, steps: int, guess: Guess | None) -> None:
         """Add the edges of frames that lie so many steps apart; guess: as ``measure``."""
         pairs = [(here - steps, here) for here in range(steps, len(self.features))]
-        what = "following the track" if steps == 1 else f"following the track, {steps} frames back"
+        what = (
+            "following the track" if steps == 1 else (f"estimating the track, {steps} frames back")
+        )
         self.edges += self.measure(pairs, what, guess=guess, sure=True)
 
     def take_out_image_errors(self) -> None:
@@ -177,7 +179,7 @@ def _featured(survey: Survey) -> Track:
     """A track on which the features of all frames are known, and nothing else."""
     order, store = survey.index.order.tolist(), FeatureStore.of(survey)
     track = Track(
-        survey, store, reasons=dict.fromkeys(order, "it shows nothing that another frame shows")
+        survey, store, reasons=dict.fromkeys(order, "it does not overlap any other frame")
     )
     detection = Detection(survey.frames, survey.geometry, order, store)
     for done, lost in enumerate(survey.compute.each(detection, range(len(order)))):
@@ -198,16 +200,17 @@ def solve(
     Raises MappingError if no two frames match; DeviceError for priors without GTSAM.
     """
     if not track.edges:
-        raise MappingError(
-            "no two frames show the same things: the track cannot be followed; give --poses"
-        )
+        raise MappingError("no two frames overlap: the track cannot be estimated; give --poses")
     index = track.survey.index
     guess = Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
     if priors or (rounds and pose_graph.available()):
         guess = _close_loops(track, guess, priors, rounds)
     elif rounds:
-        warnings.append("loops were not closed: pip install 'stereo-seecolor[slam]' (GTSAM)")
+        warnings.append(
+            "loops were not closed, because GTSAM is missing: pip install "
+            "'stereo-seecolor[slam]' (GTSAM)"
+        )
     unplaced = tuple(
         Unplaced(index.names[i], track.reasons[int(i)])
         for i in np.flatnonzero(guess.components < 0)

@@ -316,11 +316,9 @@ def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
 
 def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(
-        OutputError, match="is there already: this goes into a new or an empty folder"
-    ):
+    with pytest.raises(OutputError, match="already exists: give a new or an empty folder"):
         export(fused, "glb", tmp_path)
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="already exists"):
         export(fused, "glb", tmp_path / "mine.txt")
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
     (tmp_path / "empty").mkdir()
@@ -333,7 +331,7 @@ def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> Non
     shutil.copytree(fused, out)
     (out / "corrected" / "f3.png").write_bytes(b"x")
     for format in ("colmap", "textured-glb"):
-        with pytest.raises(InputError, match=r"f3\.png: is gone or damaged"):
+        with pytest.raises(InputError, match=r"f3\.png: is missing or damaged"):
             export(out, format, tmp_path / "to")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
@@ -478,7 +476,7 @@ def test_a_run_is_recorded_with_or_without_a_map(make_dive, cli, tmp_path: Path)
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
     assert counts == {topic: 2 * (topic != "/tf") for topic in TOPICS}
     code, _, said = cli(*words, "--out-mcap", tmp_path / "a/dive.mcap")
-    assert (code, "is there already: give --overwrite" in said) == (1, True)
+    assert (code, "already exists: give --overwrite" in said) == (1, True)
 
 
 def test_a_taglab_project_has_colors_and_heights_of_one_size(fused: Path, tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ class LostScheduler:
 )
 def test_a_scheduler_that_goes_while_it_is_asked_is_said(client: LostScheduler) -> None:
     with pytest.raises(
-        ClusterError, match=r"tcp://a:1: the scheduler is gone .*run the same line again"
+        ClusterError, match=r"tcp://a:1: the scheduler is gone .*run the same command again"
     ):
         list(DaskCompute(client, "tcp://a:1", lambda: None).each(abs, [1]))
 

@@ -37,7 +37,7 @@ def test_a_holder_on_another_machine_is_named(out: Path) -> None:
     hold(out, ELSEWHERE, age_s=60)
     assert writer(out) == "ana@node7, process 4242"
     with (
-        pytest.raises(OutputError, match=r"writing into it now \(ana@node7, process 4242\)"),
+        pytest.raises(OutputError, match=r"writes into it now \(ana@node7, process 4242\)"),
         leased(out, locked=True),
     ):
         pass
@@ -46,7 +46,7 @@ def test_a_holder_on_another_machine_is_named(out: Path) -> None:
 def test_a_stale_lease_is_named_and_not_taken(out: Path) -> None:
     hold(out, ELSEWHERE, age_s=1200)
     assert writer(out) == ""
-    stale = r"node7, process 4242, which has given no sign of life for 20 min.*remove .*lease"
+    stale = r"node7, process 4242, which has shown no activity for 20 min.*remove .*lease"
     with pytest.raises(OutputError, match=stale), leased(out, locked=True):
         pass
     (out / ".state/lease.json").unlink()
@@ -66,7 +66,7 @@ def test_a_process_of_this_machine_that_is_gone_holds_nothing(out: Path) -> None
 
 def test_a_live_process_of_this_machine_is_refused_where_the_system_has_no_locks(out: Path) -> None:
     hold(out, replace(Holder.me(), process=os.getppid()))
-    with pytest.raises(OutputError, match="another run is writing"), leased(out, locked=False):
+    with pytest.raises(OutputError, match="another run writes"), leased(out, locked=False):
         pass
 
 
@@ -82,7 +82,7 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
         hold(out, ELSEWHERE)
         with pytest.raises(
             OutputError,
-            match=r"no longer held by this run: ana@node7, process 4242 writes into it now",
+            match=r"no longer locked by this run: ana@node7, process 4242 writes into it now",
         ):
             check_lease(out, me.token)
     assert Holder.load(out) == ELSEWHERE
@@ -117,7 +117,7 @@ def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(
     monkeypatch.setattr(lock.FileLock, "_acquire", no_locks)
     with (
         lock.held(tmp_path),
-        pytest.raises(OutputError, match="another run is writing"),
+        pytest.raises(OutputError, match="another run writes"),
         lock.held(tmp_path),
     ):
         pass

@@ -37,7 +37,7 @@ def test_shards_are_neighbors_of_about_one_size_and_together_all(items: int, of:
 def test_what_is_no_shard_is_refused(cli, text: str) -> None:
     code, _, said = cli("run", "--left", "L", "--right", "R", "--calib", "C", "--shard", text)
     assert code == 2
-    assert "such as 2/8" in said
+    assert "for example 2/8" in said
 
 
 def sharded(

@@ -309,7 +309,7 @@ def test_drift_and_gaps_are_reported(tmp_path) -> None:
     notes = open_dive(
         write_bag(tmp_path / "drift.bag", many(8, 600_000)), "", InputConfig()
     ).pairing.notes
-    assert any("the right clock moved by +3.6 ms" in note for note in notes)
+    assert any("the right clock drifted by +3.6 ms" in note for note in notes)
     notes = open_dive(
         write_bag(tmp_path / "gap.bag", many(12, lost=(5, 6, 7, 8))), "", InputConfig()
     ).pairing.notes
@@ -536,11 +536,11 @@ def test_what_is_no_bag_is_one_line(tmp_path, cli) -> None:
 
 def test_wrong_usage_of_a_bag(cli, tmp_path) -> None:
     for words, message in (
-        (("--bag", "b", "--left", "l"), "stereo-seecolor: --bag holds both sides"),
+        (("--bag", "b", "--left", "l"), "stereo-seecolor: --bag contains both sides"),
         (("--left", "l", "--right", "r"), "--calib is missing"),
         (
             ("--left", "l", "--right", "r", "--calib", "c", "--topics", "left=a,right=b"),
-            "give --bag too",
+            "give --bag, too",
         ),
     ):
         code, _, said = cli("run", *words, "--out", tmp_path / "out")

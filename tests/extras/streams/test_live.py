@@ -291,7 +291,7 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     assert (tmp_path / "kept/corrected/0003.png").is_file()
     assert (tmp_path / "kept/range/0003.tiff").is_file()
     code, _, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept")
-    assert (code, "in a new or an empty folder; nothing was touched" in said) == (1, True)
+    assert (code, "in a new or an empty folder; nothing was changed" in said) == (1, True)
 
 
 @pytest.mark.slow
@@ -448,7 +448,7 @@ def test_a_recording_and_every_second_pair_are_kept(make_dive, cli, tmp_path) ->
     assert counts == dict.fromkeys((topic for topic in TOPICS if topic != "/tf"), done)
     assert stamps[0] == START_NS
     code, _, said = cli("live", "--bag", bag, "--record", tmp_path / "live.mcap")
-    assert (code, "is there already, and is not written over" in said) == (1, True)
+    assert (code, "already exists, and is not overwritten" in said) == (1, True)
 
 
 def test_a_process_is_pinned_with_its_threads_and_those_that_it_starts_later() -> None:

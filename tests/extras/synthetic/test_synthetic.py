@@ -318,7 +318,7 @@ def test_specifications_that_cannot_be(given: dict[str, object], said: str) -> N
 def test_synthesize_refuses_a_folder_with_other_files(tmp_path: Path, own: str) -> None:
     (tmp_path / own).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / own).write_text("mine")
-    with pytest.raises(OutputError, match="nothing was touched"):
+    with pytest.raises(OutputError, match="nothing was changed"):
         synthesize(SurveySpec(pairs=1, lines=1, image_size=(64, 64)), tmp_path / "dive")
     assert (tmp_path / own).read_text() == "mine"
 
@@ -338,5 +338,5 @@ def test_a_stopped_synthesis_continues(tmp_path: Path) -> None:
     synthesize(spec, dive)
     assert first.read_text() == "edited"
     assert len(list((dive / "truth" / "visible").iterdir())) == 2
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="already exists"):
         synthesize(replace(spec, seed=8), dive)

@@ -200,8 +200,8 @@ class DaskCompute:
             except KilledWorker as error:
                 raise ClusterError(
                     f"{self._name}: {named(batch)} ended {error.allowed_failures + 1} workers, "
-                    "most likely for want of memory: give workers more memory, or fewer threads "
-                    "(docs/fleets.md); what is done is kept"
+                    "most likely for want of memory: give workers more memory, or fewer "
+                    "threads (docs/fleets.md); finished results are kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
                 raise self._gone(error) from error
@@ -241,8 +241,8 @@ class DaskCompute:
 
     def _gone(self, error: Exception) -> ClusterError:
         return ClusterError(
-            f"{self._name}: the scheduler is gone ({error}): run the same line again, what is "
-            "done is kept"
+            f"{self._name}: the scheduler is gone ({error}): run the same command again, "
+            "finished results are kept"
         )
 
     def _cancel(self, futures: Iterable[Future]) -> None:
@@ -273,5 +273,5 @@ def _written(file: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(
-            f"{file}: cannot be written: {error.strerror or error}: free the place and run again"
+            f"{file}: cannot be written: {error.strerror or error}: free disk space and run again"
         ) from error

@@ -105,7 +105,7 @@ class StreamPairs:
         cannot be decoded.
         """
         if self._offered is None or stamp_name(self._offered[0].stamp_ns) != pair.name:
-            raise InputError(f"{pair.name}: is gone: a newer pair has come")
+            raise InputError(f"{pair.name}: was removed: a newer pair has come")
         left, right = (side.image() for side in self._offered)
         return StereoFrame(pair.name, left, right, pair.timestamp_s)
 
