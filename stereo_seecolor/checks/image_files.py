@@ -4,7 +4,7 @@ parts of a picture.
 Images that cannot be read are left out: the run names them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
-from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.checks.sample import DiveImages, edge, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -72,7 +72,7 @@ def channel_order(images: DiveImages) -> DiveVerdict:
         for first, last in pairwise(looked_at):
             after = _colors(pairs[last], config)
             if before is not None and _are_exchanged(before, after):
-                place = _first_exchanged(pairs, first, last, config)
+                place = edge(first, last, _differs_from(first, pairs, config))
                 end = _last_exchanged(pairs, place, last, looked_at, config)
                 note = f"input: {_exchanged_text(pairs, place, end)}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
@@ -100,17 +100,6 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     )
 
 
-def _first_exchanged(pairs: Sequence[Pair], first: int, last: int, config: InputConfig) -> int:
-    """The first image that is exchanged, by halves of the segment after one that is not."""
-    while last - first > 1:
-        middle = (first + last) // 2
-        if _are_exchanged(_colors(pairs[first], config), _colors(pairs[middle], config)):
-            last = middle
-        else:
-            first = middle
-    return last
-
-
 def _last_exchanged(
     pairs: Sequence[Pair], place: int, seen: int, looked_at: Sequence[int], config: InputConfig
 ) -> int:
@@ -123,13 +112,13 @@ def _last_exchanged(
             end = later
             break
         seen = later
-    while end - seen > 1:
-        middle = (seen + end) // 2
-        if _are_exchanged(_colors(pairs[seen], config), _colors(pairs[middle], config)):
-            end = middle
-        else:
-            seen = middle
-    return seen
+    return edge(seen, end, _differs_from(seen, pairs, config)) - 1
+
+
+def _differs_from(place: int, pairs: Sequence[Pair], config: InputConfig) -> Callable[[int], bool]:
+    """Whether the image at another place is exchanged against the one here."""
+    here = _colors(pairs[place], config)
+    return lambda other: _are_exchanged(here, _colors(pairs[other], config))
 
 
 def _colors(pair: Pair, config: InputConfig) -> Colors:
