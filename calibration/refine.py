@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.field_checks.hypotheses import settle_matches
+from calibration.field_checks.conventions import settle_matches
 from calibration.field_checks.matches import (
     Matches,
     jackknife,
@@ -82,7 +82,7 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     check = judge_matches(rig, rectified_matches(rig, kept))
     if check.refusal or check.no_rig:
         raise CalibrationError(check.advice[0])
-    if check.air_in_water or check.cut_out or check.keystone.is_lens:
+    if check.air_in_water or check.cut_out or check.causes.is_lens:
         raise CalibrationError(
             f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges "
             "would be wrong"

@@ -421,18 +421,15 @@ def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> Seen
     return _couple(rectification, pairs, MATCH_LIMITS)
 
 
-def find_motion(
-    rectification: Rectification, starts: Iterable[Iterable[Images]], until_right: bool = False
-) -> Motion:
+def find_motion(rectification: Rectification, starts: Iterable[Iterable[Images]]) -> Motion:
     """Measure on raw image pairs. starts: as for ``find_couples``.
 
-    until_right: no more couples are looked at once the least number of them shows that ranges are
-    right.
+    No more couples are looked at once the least number of them shows that ranges are right.
     """
     couples: list[SeenTwice] = []
     for couple in find_couples(rectification, starts):
         couples.append(couple)
-        if until_right and len(couples) == LIMITS.least_couples:
+        if len(couples) == LIMITS.least_couples:
             motion = motion_of(couples, rectification.matching_pair)
             if motion.is_right:
                 return motion
@@ -450,6 +447,24 @@ def find_couples(
     for pairs in starts:
         if couple := _couple(rectification, pairs):
             yield couple
+
+
+def fit_known(
+    couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int
+) -> tuple[Fitted, bool]:
+    """As ``fit_motions``, but of a focal length that these couples do not show; and whether they
+    do.
+    """
+    fitted = fit_motions(couples, geometry, *free)
+    if known := bool(fitted.std[FOCAL] < LIMITS.known_focal):
+        return fitted, known
+    others = [value for value in free if value != FOCAL]
+    return fit_motions(couples, geometry, *others), known
+
+
+def range_error(offset_px: Array, log_focal: Array, disparity_px: float) -> Array:
+    """Of ranges at a disparity, relative, that lacks this offset and is of this focal length."""
+    return np.asarray((1 + offset_px / disparity_px) * np.exp(-log_focal) - 1)
 
 
 def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
@@ -488,11 +503,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         std_px = float(np.hypot(uneven.std[value], lens_px / 2))
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
         free += [value] if abs(uneven.values[value]) > least_px else []
-    fitted = fit_motions(couples, geometry, *free)
-    focal_is_known = fitted.std[FOCAL] < LIMITS.known_focal
-    if not focal_is_known:
-        free.remove(FOCAL)
-        fitted = fit_motions(couples, geometry, *free)
+    fitted, focal_is_known = fit_known(couples, geometry, *free)
     found = replace(
         seen, rest_px=fitted.rest_px, own_px=float(np.median([one.rest_px for one in own]))
     )
@@ -500,7 +511,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         return found
     offset_px, log_focal, rows_px, columns_px = map(float, fitted.values[:4])
     lens_focal = LIMITS.focal * focal_is_known
-    errors = (1 + fitted.partial[:, OFFSET] / disparity_px) * np.exp(-fitted.partial[:, FOCAL])
+    errors = range_error(fitted.partial[:, OFFSET], fitted.partial[:, FOCAL], disparity_px)
     parts = [
         float(jackknife(errors[:, None])[0]),
         fitted.std[OFFSET] / disparity_px,
@@ -513,7 +524,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         offset_std_px=float(np.hypot(fitted.std[OFFSET], lens_px)),
         focal=float(np.expm1(log_focal)) if focal_is_known else np.nan,
         focal_std=float(np.hypot(fitted.std[FOCAL], lens_focal)) if focal_is_known else np.inf,
-        range_error=float((1 + offset_px / disparity_px) * np.exp(-log_focal) - 1),
+        range_error=float(range_error(fitted.values[OFFSET], fitted.values[FOCAL], disparity_px)),
         range_std=float(np.linalg.norm(parts)),
         rows_px=rows_px if ROWS in free else 0.0,
         rows_std_px=float(np.hypot(fitted.std[ROWS], lens_px / 2)) if ROWS in free else np.inf,

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
 from calibration.field_checks.causes import find_causes
-from calibration.field_checks.hypotheses import Hypothesis, likely_hypothesis, may_be_wrong
 from calibration.field_checks.matches import Matches, find_matches
+from calibration.field_checks.mistakes import FoundMistake, likely_mistake, may_be_wrong
 from calibration.field_checks.motion import find_couples, find_motion, motion_of
-from calibration.field_checks.vertical_disparity import quick_check
+from calibration.field_checks.quick_check import quick_check
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
@@ -41,7 +41,7 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
     spread over the dive.
 
     A quick look is enough for most dives. A full check takes longer than matching some pairs and is
-    made only where rows of a pair disagree or may hold a keystone. change: what changes from pair
+    made only where rows of a pair disagree or may show wrong ranges. change: what changes from pair
     to pair. Raises InputError where no pair can be matched and the likely mistake is known.
     """
     pairs = change.shared(pairs)
@@ -55,7 +55,7 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
             pair, first = looks[0]
             limits = range_limits(first.range_m, pipeline.config.matching)
             said = (*(f"range: in pair {pair.name}, {limit.note}" for limit in limits), *said)
-            if not any(look.keystone for _, look in looks):
+            if not find_causes(pipeline.rig, [look.matches for _, look in looks]).is_wrong:
                 return _motion_check(pipeline, pairs).after(DiveVerdict(said))
     return _full_check(pipeline, pairs, change).after(DiveVerdict(said))
 
@@ -66,7 +66,7 @@ def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     """
     starts = list(neighbors(pairs, pipeline.config.input))
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
-    motion = find_motion(pipeline.rectification, from_ends, until_right=True)
+    motion = find_motion(pipeline.rectification, from_ends)
     if motion.is_found:
         return _full_check(pipeline, pairs, DiveChange())
     unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
@@ -106,7 +106,7 @@ class JudgedRig:
     """
 
     rows: RowCheck | None
-    mistake: Hypothesis | None = None
+    mistake: FoundMistake | None = None
     refusal: str = ""
     too_few: str = ""
 
@@ -145,10 +145,10 @@ def judge_rig(
         rows = judge_matches(rig, found)
     except CalibrationError as error:
         too_few = str(error)
-    mistake: Hypothesis | None = None
+    mistake: FoundMistake | None = None
     refusal = rows.refusal if rows else ""
     if not refusal and (rows is None or may_be_wrong(rows)):
-        mistake = likely_hypothesis(rig, first_images(evenly_spaced(pairs, DECIDING_PAIRS), images))
+        mistake = likely_mistake(rig, first_images(evenly_spaced(pairs, DECIDING_PAIRS), images))
         refusal = mistake.line if mistake else _out_of_step(rig, pairs, images) or ""
     if rows is None:
         return JudgedRig(None, mistake, refusal, too_few)
@@ -180,7 +180,8 @@ def matches_of(
 
     def matched(pair: Pair) -> Matches | str:
         try:
-            return find_matches(rectification, *read_both(pair, images))
+            both = read_both(pair, images)
+            return find_matches(rectification, *both)
         except (InputError, CalibrationError) as error:
             return str(error)
 

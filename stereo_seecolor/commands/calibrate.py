@@ -14,7 +14,7 @@ from calibration.boards.target_views import TargetView, detect_view
 from calibration.boards.targets import parse_target
 from calibration.calibrate import calibrate as fit_rig
 from calibration.checks import RowCheck
-from calibration.field_checks.hypotheses import settle_matches
+from calibration.field_checks.conventions import settle_matches
 from calibration.field_checks.matches import Matches, rectified_matches
 from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
