@@ -15,16 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.field_checks.matches import Matches, jackknife, robust_fit, row_inliers
-from calibration.field_checks.motion import (
-    COLUMNS,
-    FOCAL,
-    OFFSET,
-    ROWS,
-    SeenTwice,
-    fit_known,
-    range_error,
-)
 from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
+from calibration.field_checks.motion import fit_known, range_error
+from calibration.field_checks.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
 from calibration.field_checks.table import CAUSES, LENSES, MOVED, Cause
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
