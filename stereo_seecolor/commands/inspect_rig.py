@@ -20,7 +20,8 @@ from calibration.formats import format_name, load_rig_of_images
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
-from stereo_seecolor.checks.rig import RangeLimits, judge_rig, matches_of, range_limits
+from stereo_seecolor.checks.range_limits import RangeLimits, range_limits
+from stereo_seecolor.checks.rig import judge_rig, matches_of
 from stereo_seecolor.checks.sample import DECIDING_PAIRS
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
