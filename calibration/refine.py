@@ -28,8 +28,9 @@ from calibration.field_checks.matches import (
 )
 from calibration.geometry import rigid
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
+from calibration.refinement import Movement, Refinement
 from calibration.refraction import cameras_in_water
-from calibration.rig import Movement, Refinement, StereoRig, quarter_turn
+from calibration.rig import StereoRig, quarter_turn
 
 Array = NDArray[np.float64]
 

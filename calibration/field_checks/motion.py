@@ -46,7 +46,7 @@ from calibration.field_checks.rigid_motion import (
 )
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 
 Array = NDArray[np.float64]
 

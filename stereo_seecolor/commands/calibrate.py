@@ -22,8 +22,9 @@ from calibration.port import FlatPort
 from calibration.port_errors import port_error
 from calibration.rectification import raw_points
 from calibration.refine import refine_matches
+from calibration.refinement import Refinement
 from calibration.resizing import resized_rig
-from calibration.rig import Medium, Refinement
+from calibration.rig import Medium
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.dive import IMAGE_CHECKS

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
-from calibration.rectification import OriginalView
+from calibration.original_view import OriginalView
 from stereo_seecolor.checks.exposure import exposure_warnings
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.frame_shading import divide_illumination

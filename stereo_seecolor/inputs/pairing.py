@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import counted
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.compute.sequences import Lazy, Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
