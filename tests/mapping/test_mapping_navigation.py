@@ -29,7 +29,7 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.features import Features, detect
-from stereo_seecolor.mapping.track.loops import by_appearance
+from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 

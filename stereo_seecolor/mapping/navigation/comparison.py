@@ -21,7 +21,7 @@ from stereo_seecolor.mapping.navigation.motions import Motions, by_frame, depth_
 from stereo_seecolor.mapping.navigation.mount import Turn, constant_turn, lever_arm, mount_with
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track.loops import Prior
+from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.robust_statistics import deviation_about_zero
