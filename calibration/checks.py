@@ -14,6 +14,7 @@ from calibration.field_checks.matches import (
     Matches,
     explain,
     find_matches,
+    robust_fit,
     row_inliers,
 )
 from calibration.field_checks.table import ENLARGED, IN_AIR
@@ -27,6 +28,11 @@ from calibration.rectification import (
 from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
+MOST_MATCHES = 4000  # spread evenly: more cost time
+MOST_YAW_RAD = 0.008
+"""Mounts give by tenths of a degree; a yaw of more must leave less than CLEARLY of what another
+lens distortion leaves."""
+CLEARLY = 0.7
 __all__ = ["RowCheck", "judge_matches", "rows_off_px", "vertical_disparity"]
 
 
@@ -81,6 +87,7 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
         port=best_factor(IN_AIR, rig, *raw)
         if has_lens and has_distortion and not agree
         else NOT_TRIED,
+        looks_bent=_looks_bent(left, right, pair.focal_px),
         causes=NOT_TESTED if agree and not causes.is_wrong else causes,
         unrectified_px=float(np.median(np.abs(in_images[1][:, across] - in_images[0][:, across]))),
         apart_px=float(np.median(np.hypot(*(in_images[1] - in_images[0]).T))),
@@ -110,6 +117,29 @@ def _points_near_rows(
             "the same scene at the same time"
         )
     return left, right, numbers
+
+
+def _looks_bent(left: Array, right: Array, focal_px: float) -> bool:
+    """Tell whether rows look like a yaw that is larger than mounts give by, and as much like
+    another radial distortion of both lenses, which changes ranges by amounts not known.
+
+    left, right: (n, 2) pixels from the principal points. A yaw moves rows by yaw x y / focal
+    length, which offset, scale, roll and pitch do not.
+    """
+    step = -(-len(left) // MOST_MATCHES)
+    left, right = left[::step] / focal_px, right[::step] / focal_px
+    x, y = right.T
+    moved = np.column_stack([np.ones_like(x), y, x, y**2])
+    rows, bend = focal_px * (right[:, 1] - left[:, 1]), _radial(right) - _radial(left)
+    found, yawed = robust_fit(np.column_stack([moved, focal_px * x * y]), rows)
+    _, bent = robust_fit(np.column_stack([moved, bend]), rows)
+    left_px, bent_px = np.median(np.abs([yawed, bent]), axis=1)
+    return bool(abs(found[4]) > MOST_YAW_RAD and left_px > CLEARLY * bent_px)
+
+
+def _radial(slopes: Array) -> Array:
+    """(n,) how radial distortion moves the rows of rays with slopes (n, 2), but for its size."""
+    return np.asarray(slopes[:, 1] * (slopes**2).sum(axis=1))
 
 
 def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:

@@ -83,7 +83,7 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     check = judge_matches(rig, rectified_matches(rig, kept))
     if check.refusal or check.no_rig:
         raise CalibrationError(check.advice[0])
-    if check.air_in_water or check.cut_out or check.causes.is_lens:
+    if check.air_in_water or check.cut_out or check.is_lens:
         raise CalibrationError(
             f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges "
             "would be wrong"

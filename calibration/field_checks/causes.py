@@ -18,7 +18,7 @@ from calibration.field_checks.matches import Matches, jackknife, robust_fit, row
 from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
 from calibration.field_checks.motion import fit_known, range_error
 from calibration.field_checks.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
-from calibration.field_checks.table import CAUSES, LENSES, MOVED, Cause
+from calibration.field_checks.table import CAUSES, MOVED, Cause
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
     plan_rectification,
@@ -120,11 +120,6 @@ class Causes:
     def has_moved(self) -> bool:
         """Tell whether the best is a movement of a camera alone, which refining finds."""
         return self.best is not None and self.best.is_movement
-
-    @property
-    def is_lens(self) -> bool:
-        """Tell whether ranges are wrong by another distortion of the lenses, or may as well be."""
-        return any(LENSES in one.causes for one in self._wrong)
 
     @property
     def is_wrong_if_refined(self) -> bool:

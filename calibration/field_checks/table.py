@@ -149,9 +149,6 @@ def _other_lens(rig: StereoRig, more: float) -> StereoRig:
     return replace(rig, left=bent(rig.left), right=bent(rig.right))
 
 
-LENSES = Cause(
-    "lenses that bend otherwise (k1 by {} +- {})", Amount(1, 1e-3, 0.5), OTHER, _other_lens
-)
 CAUSES = (
     Cause(
         "a turn of a camera about the baseline (pitch) by {} +- {} degrees",
@@ -190,7 +187,7 @@ CAUSES = (
         OTHER,
         lambda rig, larger: enlarged(rig, 1 + larger),
     ),
-    LENSES,
+    Cause("lenses that bend otherwise (k1 by {} +- {})", Amount(1, 1e-3, 0.5), OTHER, _other_lens),
     Cause(
         "disparities that grow over the rows, by {} +- {} px at the edge, as rolling shutters make "
         "them that read rows in opposite directions, or not at one moment",

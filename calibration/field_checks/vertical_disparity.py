@@ -66,7 +66,8 @@ class RowCheck:
     explain the most of it; unexplained_px: the median that these leave. behind_fraction: of the
     matches, those with impossible disparity (points behind infinity).
     enlargement: of images cut out of those that were calibrated. port: the refractive index behind
-    a flat port.
+    a flat port. looks_bent: rows look like a yaw that no mount gives, and as much like another
+    distortion of the lenses.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked
     for and found.
     motion: between neighboring pairs, which shows what rows do not. causes: what explains both.
@@ -89,6 +90,7 @@ class RowCheck:
     behind_fraction: float
     enlargement: BestFactor = NOT_TRIED
     port: BestFactor = NOT_TRIED
+    looks_bent: bool = False
     mistake: str = ""
     motion: Motion = NO_MOTION
     causes: Causes = NOT_TESTED
@@ -185,12 +187,17 @@ class RowCheck:
             self.swapped
             or self.air_in_water
             or self.cut_out
-            or self.causes.is_lens
+            or self.is_lens
             or self.refusal
             or self.no_rig
             or self.change
         )
         return drifted and not (otherwise or self.mistake)
+
+    @property
+    def is_lens(self) -> bool:
+        """Tell whether ranges are wrong by what may be another distortion of the lenses."""
+        return self.looks_bent and self.causes.is_wrong
 
     @property
     def _is_drift(self) -> bool:

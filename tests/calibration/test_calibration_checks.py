@@ -173,7 +173,7 @@ def test_a_yaw_is_named_with_its_error_of_ranges(rig: StereoRig) -> None:
     turned = moved_rig(rig, np.array([0, 0, 0, 0.006]))
     check = judge_matches(rig, three(turned, rig))
     found = check.causes.best
-    assert found and not check.causes.is_lens and check.has_moved and not check.acceptable
+    assert found and not check.is_lens and check.has_moved and not check.acceptable
     yaw_deg, std_deg = map(
         float, re.search(r"\(yaw\) by (\S+) \+- (\S+) degrees", check.advice[0]).groups()
     )
