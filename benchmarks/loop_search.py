@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.loops import by_appearance, by_overlap
+from stereo_seecolor.mapping.track.loops import by_overlap
+from stereo_seecolor.mapping.track.place_recognition import by_appearance
 
 STEP_M, LINE_M, LINE_FRAMES = 0.5, 1.0, 200
 CELL_M, LANDMARKS, NOISE, SEEN_AGAIN = 0.7, 40, 12.0, 0.7

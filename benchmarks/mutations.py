@@ -114,8 +114,8 @@ BREAKS = (
     Break(
         "causes of wrong rows: rivals that make ranges wrong ignored",
         "calibration/field_checks/causes.py",
-        "return any(one.is_wrong for one in (self.best, *self.rivals) if one)",
-        "return self.best is not None and self.best.is_wrong",
+        "return [one for one in (self.best, *self.rivals) if one and one.is_wrong]",
+        "return [one for one in (self.best,) if one and one.is_wrong]",
         "calibration/test_calibration_causes.py",
     ),
     Break(

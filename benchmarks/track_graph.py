@@ -16,7 +16,7 @@ from arguments import words_of
 from numpy.typing import NDArray
 
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
-from stereo_seecolor.mapping.track.loops import solve
+from stereo_seecolor.mapping.track.pose_graph import solve
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 STEP_M, LINE_M, LINE_FRAMES, BACK = 0.5, 1.0, 200, 3

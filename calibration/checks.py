@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
 from calibration.field_checks.causes import NOT_TESTED, find_causes
-from calibration.field_checks.enlargement import NOT_ENLARGED, best_enlargement
+from calibration.field_checks.large_causes import NOT_TRIED, best_factor
 from calibration.field_checks.matches import (
     Matches,
     explain,
-    find_keystone,
     find_matches,
+    robust_fit,
     row_inliers,
 )
+from calibration.field_checks.table import ENLARGED, IN_AIR
 from calibration.field_checks.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
@@ -27,8 +28,12 @@ from calibration.rectification import (
 from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
+MOST_MATCHES = 4000  # spread evenly: more cost time
+MOST_YAW_RAD = 0.008
+"""Mounts give by tenths of a degree; a yaw of more must leave less than CLEARLY of what another
+lens distortion leaves."""
+CLEARLY = 0.7
 __all__ = ["RowCheck", "judge_matches", "rows_off_px", "vertical_disparity"]
-INDICES = np.arange(1.0, 1.4401, 0.02)  # none to beyond water; found to 0.02 on a real dive
 
 
 def vertical_disparity(
@@ -55,24 +60,20 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
     pair.
     """
     plan = plan_rectification(rig)
-    pair, R_left, R_right = plan.matching_pair, plan.R_left_matching, plan.R_right_matching
+    pair = plan.matching_pair
     left, right, numbers = _points_near_rows(pair, found)
     raw = (left, right)
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
     rows = right[:, 1] - left[:, 1]
     model, unexplained = explain(rows, left)
-    has_distortion = rig.left.distortion.any() or rig.right.distortion.any()
-    sides = [(R_left, left), (R_right, right)]
-    # lenses would look like air
-    index, index_unexplained = (
-        _best_index(sides, pair.focal_px) if has_distortion else (1.0, np.inf)
-    )
     row_error_px = float(np.median(np.abs(rows)))
     in_images = raw_points(rig, *raw)
     across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair
-    keystone = find_keystone(left, right, numbers, pair.focal_px)
+    causes = find_causes(rig, found)
     agree = row_error_px <= LIMITS.acceptable_px
     has_lens = rig.port is None and not rig.is_rectified
+    # of a calibration without distortion, lenses would look like air
+    has_distortion = rig.left.distortion.any() or rig.right.distortion.any()
     return RowCheck(
         pairs=len(found),
         matches=len(rows),
@@ -82,11 +83,12 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
         roll_deg=float(np.degrees(model[2])),
         unexplained_px=float(np.median(np.abs(unexplained))),
         behind_fraction=float((left[:, 0] - right[:, 0] < BEHIND_PX).mean()),
-        index=index,
-        index_unexplained_px=index_unexplained,
-        enlargement=best_enlargement(rig, *raw) if has_lens and not agree else NOT_ENLARGED,
-        keystone=keystone,
-        causes=NOT_TESTED if agree and not keystone.is_possible else find_causes(rig, found),
+        enlargement=best_factor(ENLARGED, rig, *raw) if has_lens and not agree else NOT_TRIED,
+        port=best_factor(IN_AIR, rig, *raw)
+        if has_lens and has_distortion and not agree
+        else NOT_TRIED,
+        looks_bent=_looks_bent(left, right, pair.focal_px),
+        causes=NOT_TESTED if agree and not causes.is_wrong else causes,
         unrectified_px=float(np.median(np.abs(in_images[1][:, across] - in_images[0][:, across]))),
         apart_px=float(np.median(np.hypot(*(in_images[1] - in_images[0]).T))),
         between_pairs_px=_between_pairs_px(unexplained, numbers),
@@ -117,6 +119,29 @@ def _points_near_rows(
     return left, right, numbers
 
 
+def _looks_bent(left: Array, right: Array, focal_px: float) -> bool:
+    """Tell whether rows look like a yaw that is larger than mounts give by, and as much like
+    another radial distortion of both lenses, which changes ranges by amounts not known.
+
+    left, right: (n, 2) pixels from the principal points. A yaw moves rows by yaw x y / focal
+    length, which offset, scale, roll and pitch do not.
+    """
+    step = -(-len(left) // MOST_MATCHES)
+    left, right = left[::step] / focal_px, right[::step] / focal_px
+    x, y = right.T
+    moved = np.column_stack([np.ones_like(x), y, x, y**2])
+    rows, bend = focal_px * (right[:, 1] - left[:, 1]), _radial(right) - _radial(left)
+    found, yawed = robust_fit(np.column_stack([moved, focal_px * x * y]), rows)
+    _, bent = robust_fit(np.column_stack([moved, bend]), rows)
+    left_px, bent_px = np.median(np.abs([yawed, bent]), axis=1)
+    return bool(abs(found[4]) > MOST_YAW_RAD and left_px > CLEARLY * bent_px)
+
+
+def _radial(slopes: Array) -> Array:
+    """(n,) how radial distortion moves the rows of rays with slopes (n, 2), but for its size."""
+    return np.asarray(slopes[:, 1] * (slopes**2).sum(axis=1))
+
+
 def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:
     """Robust standard deviation of the medians of each pair's rows; numbers: (n,) each match's
     pair.
@@ -125,30 +150,3 @@ def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:
     if len(medians) < 3:
         return 0.0
     return float(1.4826 * np.median(np.abs(medians - np.median(medians))))
-
-
-def _best_index(sides: list[tuple[Array, Array]], focal_px: float) -> tuple[float, float]:
-    """The refractive index behind flat ports, square to each optical axis, whose bending makes rows
-    agree best; and what it leaves.
-
-    A calibration made in air takes a pixel for its ray in air; in the water, sin(theta) is 1/n of
-    that (Snell). Where the two images see a point at different distances from their middles, the
-    wrong rays move it to different rows: that is the evidence. Each index is judged after the
-    offset, scale and roll that suit it best, in pixels of the same size in the scene.
-
-    sides: rectifying rotation (3, 3), and pixels (n, 2) from the principal point, of the left and
-    the right image.
-    """
-    rays = [np.column_stack([pixels / focal_px, np.ones(len(pixels))]) @ R for R, pixels in sides]
-    rays = [directions / np.linalg.norm(directions, axis=1, keepdims=True) for directions in rays]
-    left_over = []
-    for index in INDICES:
-        pixels = []
-        for (R, _), directions in zip(sides, rays, strict=True):
-            across = directions[:, :2] / index
-            bent = np.column_stack([across, np.sqrt(1 - (across**2).sum(axis=1))]) @ R.T
-            pixels.append(bent[:, :2] / bent[:, 2:] * focal_px * index)
-        _, rest = explain(pixels[1][:, 1] - pixels[0][:, 1], pixels[0])
-        left_over.append(float(np.median(np.abs(rest))))
-    best = int(np.argmin(left_over))
-    return float(INDICES[best]), left_over[best]

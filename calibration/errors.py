@@ -1,9 +1,6 @@
 """The errors that this package raises, and words for its messages."""
 
 
-# All errors for bad calibration input are of one class.
-
-
 class CalibrationError(ValueError):
     """A rig, a calibration file or a calibration target that cannot be used.
 
@@ -21,9 +18,6 @@ SIZE_MISSING = (
 )
 
 
-# Counted nouns in messages.
-
-
 def counted(number: int, noun: str) -> str:
     """Write a number with its noun: ``1 pair``, ``3 pairs``. noun: in the singular, alone or before
     more words: ``file without a partner``.
@@ -31,8 +25,6 @@ def counted(number: int, noun: str) -> str:
     first, _, rest = noun.partition(" ")
     return f"{number} {first}{'' if number == 1 else 's'} {rest}".rstrip()
 
-
-# Lengths that users write with their units.
 
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 

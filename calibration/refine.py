@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.field_checks.hypotheses import settle_matches
+from calibration.field_checks.conventions import settle_matches
 from calibration.field_checks.matches import (
     Matches,
     jackknife,
@@ -28,8 +28,9 @@ from calibration.field_checks.matches import (
 )
 from calibration.geometry import rigid
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
+from calibration.refinement import Movement, Refinement
 from calibration.refraction import cameras_in_water
-from calibration.rig import Movement, Refinement, StereoRig, quarter_turn
+from calibration.rig import StereoRig, quarter_turn
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     check = judge_matches(rig, rectified_matches(rig, kept))
     if check.refusal or check.no_rig:
         raise CalibrationError(check.advice[0])
-    if check.air_in_water or check.cut_out or check.keystone.is_lens:
+    if check.air_in_water or check.cut_out or check.is_lens:
         raise CalibrationError(
             f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges "
             "would be wrong"

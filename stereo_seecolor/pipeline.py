@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration import Rectification, RectifiedPair, StereoRig
 from calibration.formats import load_rig
-from calibration.rectification import OriginalView
+from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.color.render.carried_colors import seen_by_both

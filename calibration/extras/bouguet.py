@@ -14,7 +14,8 @@ from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
 from calibration.formats.ros import make_camera
 from calibration.geometry import rigid
-from calibration.rig import Camera, RigErrors, StereoRig
+from calibration.rig import Camera, StereoRig
+from calibration.rig_errors import RigErrors
 
 Size = tuple[int, int]
 STDS = 3

@@ -1,39 +1,31 @@
-"""What explains the rows and the motion of a dive: a table of causes, each tested against all
+"""What explains the rows and the motion of a dive: the causes of the table, each tested against all
 others on the same evidence.
 
 The evidence is linear: how rows of matched points disagree over the image and with range, and by
 what disparities and the focal length must change for points to move rigidly between pairs
 (``motion``). Each cause predicts all of it by one amount: points of the dive are seen by the rig as
 the cause makes it, and read as the calibration says. Of causes that explain as much, all are named.
-The length of the baseline predicts nothing: no image shows it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.enlargement import enlarged
 from calibration.field_checks.matches import Matches, jackknife, robust_fit, row_inliers
-from calibration.field_checks.motion import (
-    COLUMNS,
-    FOCAL,
-    OFFSET,
-    ROWS,
-    SeenTwice,
-    fit_motions,
-)
 from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
+from calibration.field_checks.motion import fit_known, range_error
+from calibration.field_checks.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
+from calibration.field_checks.table import CAUSES, MOVED, Cause
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
     plan_rectification,
     raw_points,
     rectified_points,
 )
-from calibration.rig import Camera, StereoRig
+from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
 
@@ -47,13 +39,8 @@ MOST_TOGETHER = 3
 """Causes at once: of more, several sets explain the same."""
 RANGE_ERROR, DEVIATIONS = 0.02, 2.0
 """Ranges are wrong where they are by more than both."""
-LENS_RAD = 0.0015
-"""Angle that errors of a usual lens model look like (a real rig of 1360x1024 px, 24 calibrations
-from 12 real views each)."""
-LENS_FOCAL = 0.02
-"""The same of the focal length as the motion shows it, relative."""
 ROWS_PX = 0.05
-"""The same of what grows over rows evenly."""
+"""What a usual lens model leaves in rows that grows evenly over the image."""
 LEAST_POINTS = 20
 """Of a pair."""
 MOST_LEFT_OUT = 10
@@ -62,169 +49,32 @@ SHOWN = 400
 """Points whose change by each cause is computed: more tell the same."""
 
 
-@dataclass(frozen=True)
-class Cause:
-    """A line of the table. text: with its amount and standard error, in ``unit`` (1 = as they are).
-    step: an amount small enough to be linear. most: larger ones are not plausible.
-
-    make: the rig that took the images, if ``step`` of it has happened to the calibrated one; None
-    for shutters, which no rig has.
-    """
-
-    text: str
-    unit: float
-    step: float
-    most: float
-    cure: str
-    make: Callable[[StereoRig, float], StereoRig] | None
-
-
-MOVED = "a camera has moved since; calibrate again"
-OTHER = "give images of the calibrated mode, or calibrate again, and compare a known length"
-
-
 ROUNDS = 3
 """Of fits of the best explanations with what amounts of their size predict."""
-ALONG, ACROSS, AXIS = range(3)
-"""Directions in the image plane, of the baseline and across it; and that of the view."""
-
-
-def _direction(rig: StereoRig, direction: int) -> int:
-    """The camera's axis of that direction: the baseline may lie along x or y."""
-    turned = direction != AXIS and plan_rectification(rig).pair.quarter_turns % 2
-    return 1 - direction if turned else direction
-
-
-def _turned(about: int) -> Callable[[StereoRig, float], StereoRig]:
-    def make(rig: StereoRig, angle_rad: float) -> StereoRig:
-        turn = np.eye(4)
-        axis = np.eye(3)[_direction(rig, about)]
-        turn[:3, :3] = cv2.Rodrigues(angle_rad * axis)[0]
-        return replace(rig, T_right_left=turn @ rig.T_right_left)
-
-    return make
-
-
-def _moved_center(along: int) -> Callable[[StereoRig, float], StereoRig]:
-    def make(rig: StereoRig, shift_px: float) -> StereoRig:
-        K = rig.right.K.copy()
-        K[_direction(rig, along), 2] += shift_px
-        return replace(rig, right=replace(rig.right, K=K))
-
-    return make
-
-
-def _with_focal(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
-    def longer(camera: Camera, larger: float) -> Camera:
-        K = camera.K.copy()
-        K[[0, 1], [0, 1]] *= 1 + larger
-        return replace(camera, K=K)
-
-    def make(rig: StereoRig, larger: float) -> StereoRig:
-        left, right = (
-            longer(getattr(rig, side), larger) if side in sides else getattr(rig, side)
-            for side in ("left", "right")
-        )
-        return replace(rig, left=left, right=right)
-
-    return make
-
-
-def _other_lens(rig: StereoRig, more: float) -> StereoRig:
-    def bent(camera: Camera) -> Camera:
-        size = max(camera.distortion.size, 4 if camera.model == "fisheye" else 5)
-        distortion = np.zeros(size)
-        distortion[: camera.distortion.size] = camera.distortion
-        distortion[0] += more
-        return replace(camera, distortion=distortion)
-
-    return replace(rig, left=bent(rig.left), right=bent(rig.right))
-
-
-CAUSES = (
-    Cause(
-        "a turn of a camera about the baseline (pitch) by {} +- {} degrees",
-        *(57.3, 1e-3, 0.1),
-        MOVED,
-        _turned(ALONG),
-    ),
-    Cause(
-        "a turn of a camera toward or from the other one (yaw) by {} +- {} degrees",
-        *(57.3, 1e-3, 0.05),
-        MOVED,
-        _turned(ACROSS),
-    ),
-    Cause("a roll of a camera by {} +- {} degrees", 57.3, 1e-3, 0.1, MOVED, _turned(AXIS)),
-    Cause(
-        "images shifted along the baseline by {} +- {} px (cut out, "
-        "stabilized, another mode, a wrong principal point)",
-        *(1, 1.0, 500.0),
-        OTHER,
-        _moved_center(ALONG),
-    ),
-    Cause(
-        "images shifted across the baseline by {} +- {} px",
-        *(1, 1.0, 500.0),
-        MOVED,
-        _moved_center(ACROSS),
-    ),
-    Cause(
-        "a focal length of the right side {} +- {} % longer",
-        100,
-        1e-3,
-        0.3,
-        OTHER,
-        _with_focal("right"),
-    ),
-    Cause(
-        "a focal length of the left side {} +- {} % longer",
-        100,
-        1e-3,
-        0.3,
-        OTHER,
-        _with_focal("left"),
-    ),
-    Cause(
-        "a focal length of both sides {} +- {} % longer",
-        *(100, 1e-3, 0.3),
-        OTHER,
-        _with_focal("left", "right"),
-    ),
-    Cause(
-        "images of both sides cut out of the calibrated ones and enlarged by {} +- {} %",
-        *(100, 1e-3, 0.3),
-        OTHER,
-        lambda rig, larger: enlarged(rig, 1 + larger),
-    ),
-    Cause("lenses that bend otherwise (k1 by {} +- {})", 1, 1e-3, 0.5, OTHER, _other_lens),
-    Cause(
-        "disparities that grow over the rows, by {} +- {} px at the edge, as rolling shutters make "
-        "them that read rows in opposite directions, or not at one moment",
-        *(1, 1.0, 50.0),
-        "mount and trigger both cameras alike, or move slowly",
-        None,
-    ),
-)
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """Causes that explain the evidence together. text: with their amounts. cures: what to do.
+    """Causes that explain the evidence together. text: with their amounts.
 
-    causes: their number. misfit: squared standard errors that they leave. range_error, range_std:
+    misfit: squared standard errors that they leave. range_error, range_std:
     of ranges, median over the image, relative, with the offset that a usual lens model leaves and
     what the motion contradicts. is_wrong: ranges are off by more than 2 % and two standard errors.
     edge_error: the largest over the image (95 of 100 points).
     """
 
     text: str
-    cures: tuple[str, ...]
-    causes: int
+    causes: tuple[Cause, ...]
     misfit: float
     range_error: float = 0.0
     range_std: float = 0.0
     edge_error: float = 0.0
     is_wrong: bool = False
+
+    @property
+    def is_movement(self) -> bool:
+        """Tell whether it is a movement of a camera alone, which refining finds."""
+        return bool(self.causes) and all(cause.cure == MOVED for cause in self.causes)
 
     @property
     def ranges(self) -> str:
@@ -255,26 +105,28 @@ class Causes:
     @property
     def is_simple(self) -> bool:
         """Tell whether one cause explains all."""
-        return self.explains and self.best is not None and self.best.causes == 1
+        return self.explains and self.best is not None and len(self.best.causes) == 1
 
     @property
     def is_wrong(self) -> bool:
         """Tell whether ranges are wrong by the best explanation, or by one as good."""
-        return any(one.is_wrong for one in (self.best, *self.rivals) if one)
+        return bool(self._wrong)
+
+    @property
+    def _wrong(self) -> list[Explanation]:
+        return [one for one in (self.best, *self.rivals) if one and one.is_wrong]
 
     @property
     def has_moved(self) -> bool:
         """Tell whether the best is a movement of a camera alone, which refining finds."""
-        return self.best is not None and self.best.cures == (MOVED,)
+        return self.best is not None and self.best.is_movement
 
     @property
     def is_wrong_if_refined(self) -> bool:
         """Tell whether ranges are wrong by the best, or by one as good, and refining, which takes
         all for a movement of a camera, would hide it.
         """
-        return any(
-            one.is_wrong and one.cures != (MOVED,) for one in (self.best, *self.rivals) if one
-        )
+        return not all(one.is_movement for one in self._wrong)
 
     @property
     def line(self) -> str:
@@ -289,7 +141,9 @@ class Causes:
             if self.explains
             else "; no cause that was tested explains all, and the error of ranges may be another"
         )
-        cures = dict.fromkeys(cure for one in (self.best, *self.rivals) for cure in one.cures)
+        cures = dict.fromkeys(
+            cause.cure for one in (self.best, *self.rivals) for cause in one.causes
+        )
         return f"{self.best.text}: {self.best.ranges}{rivals}{doubt}: {'; '.join(cures)}"
 
 
@@ -310,7 +164,7 @@ def find_causes(
         return NOT_TESTED
     if evidence is None:
         return NOT_TESTED
-    seen = [(cause, *_predicted(cause, cause.step, rig, evidence)) for cause in CAUSES]
+    seen = [(cause, *_predicted(cause, cause.amount.step, rig, evidence)) for cause in CAUSES]
     seen = [one for one in seen if np.isfinite(one[1]).all()]
     size = len(evidence.white)
     best = [_FittedCauses((), evidence.white, np.zeros(0), np.zeros((0, 0)))]
@@ -327,7 +181,11 @@ def find_causes(
             break
         best = [fit for fit in fits if fit.misfit < fits[0].misfit + ALIKE]
     pair = evidence.geometry
-    lens_error = LENS_RAD * pair.focal_px / float(np.median((evidence.left - evidence.right)[:, 0]))
+    lens_error = (
+        MOTION_LIMITS.lens_rad
+        * pair.focal_px
+        / float(np.median((evidence.left - evidence.right)[:, 0]))
+    )
     explained = [
         _explanation(*_again(fit, seen, rig, evidence), lens_error, evidence.measured)
         for fit in best
@@ -388,8 +246,8 @@ class _Observed:
         measured = float("nan")
         if len(values) > 1:
             offset_px, log_focal = values[1][:2]
-            measured = (1 + offset_px / np.median(disparity)) * np.exp(-log_focal) - 1
-        return cls(whiten @ np.concatenate(values), whiten, shown, level, pair, float(measured))
+            measured = float(range_error(offset_px, log_focal, float(np.median(disparity))))
+        return cls(whiten @ np.concatenate(values), whiten, shown, level, pair, measured)
 
     def points(self, rig: StereoRig, taken: StereoRig) -> Array:
         """(m, 3) from the left camera, where rig ``taken`` took what ``rig`` rectified."""
@@ -429,7 +287,7 @@ def _row_evidence(
         robust_fit(terms[numbers != one], rows[numbers != one])[0] for one in pairs[:MOST_LEFT_OUT]
     ]
     noise_px = 1.4826 * float(np.median(np.abs(rest)))
-    corner_px = LENS_RAD * float(np.prod(pair.image_size)) / 4 / pair.focal_px
+    corner_px = MOTION_LIMITS.lens_rad * float(np.prod(pair.image_size)) / 4 / pair.focal_px
     lens_px = np.array([ROWS_PX] * 3 + [corner_px] * 3 + [ROWS_PX])
     formal = np.asarray(noise_px**2 * np.linalg.inv(terms.T @ terms), np.float64)
     between = jackknife(np.array(without)) if len(pairs) > 1 else np.zeros(len(values))
@@ -440,17 +298,14 @@ def _motion_evidence(couples: Sequence[SeenTwice], pair: RectifiedPair) -> tuple
     """(4,) offset, focal length, and disparities over rows and columns, and their covariance, with
     that of a usual lens model.
     """
-    fitted = fit_motions(couples, pair, OFFSET, FOCAL, ROWS, COLUMNS)
-    unknown = fitted.std[FOCAL] > MOTION_LIMITS.known_focal
-    if unknown:
-        fitted = fit_motions(couples, pair, OFFSET, ROWS, COLUMNS)
     chosen = [OFFSET, FOCAL, ROWS, COLUMNS]
+    fitted, focal_is_known = fit_known(couples, pair, *chosen)
     off = (fitted.partial - fitted.partial.mean(axis=0))[:, chosen]
-    lens_px = LENS_RAD * pair.focal_px
-    lens = np.array([lens_px, LENS_FOCAL, lens_px / 2, lens_px / 2])
+    lens_px = MOTION_LIMITS.lens_rad * pair.focal_px
+    lens = np.array([lens_px, MOTION_LIMITS.focal, lens_px / 2, lens_px / 2])
     between = (len(couples) - 1) / len(couples) * off.T @ off
     cov = between + np.diag(fitted.formal[chosen] ** 2 + lens**2)
-    cov[1, 1] += unknown
+    cov[1, 1] += not focal_is_known
     return fitted.values[chosen], np.asarray(cov, np.float64)
 
 
@@ -549,7 +404,7 @@ _Seen = tuple[Cause, Array, Array]
 
 def _is_plausible(fit: _FittedCauses, seen: Sequence[_Seen]) -> bool:
     """Tell whether no amount is larger than any cause makes, or too small to be needed."""
-    most = np.array([seen[i][0].most for i in fit.causes])
+    most = np.array([seen[i][0].amount.most for i in fit.causes])
     needed = np.abs(fit.amounts) > np.sqrt(PENALTY * np.diag(fit.cov))
     return bool((np.abs(fit.amounts) < most).all() and needed.all())
 
@@ -575,10 +430,10 @@ def _explanation(
 ) -> Explanation:
     """lens_error: of ranges, relative, that a usual lens model leaves. measured: by the motion."""
     if not fit.causes:
-        return Explanation("", (), 0, fit.misfit)
+        return Explanation("", (), fit.misfit)
     chosen = [seen[i] for i in fit.causes]
     texts = [
-        cause.text.format(f"{cause.unit * amount:+.2g}", f"{cause.unit * std:.1g}")
+        cause.text.format(f"{cause.amount.unit * amount:+.2g}", f"{cause.amount.unit * std:.1g}")
         for (cause, *_), amount, std in zip(
             chosen, fit.amounts, np.sqrt(np.diag(fit.cov)), strict=True
         )
@@ -594,8 +449,7 @@ def _explanation(
     uneven_std = _most(np.sqrt(((beside @ cov) * beside).sum(axis=1)))
     return Explanation(
         " and ".join(texts),
-        tuple(dict.fromkeys(cause.cure for cause, *_ in chosen)),
-        len(chosen),
+        tuple(cause for cause, *_ in chosen),
         fit.misfit,
         error,
         std if np.isnan(measured) else float(np.hypot(std, measured - error)),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.field_checks.matches import Matches, explain, robust_fit, row_inliers
-from calibration.field_checks.motion import LATER, SeenTwice, fit_motions
+from calibration.field_checks.rigid_motion import LATER, SeenTwice, fit_motions
 from calibration.geometry import RectifiedPair
 
 Array = NDArray[np.float64]

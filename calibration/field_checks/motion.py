@@ -1,12 +1,20 @@
-"""Errors of a calibration that vertical disparity does not show, from the motion between
-neighboring pairs.
+"""Errors of the calibration that rows do not show, seen in the motion between neighboring pairs.
+
+An offset that all disparities have (images shifted along the baseline, a principal point, a yaw of
+a camera) and a focal length that is wrong in both cameras leave the rows as they are. But the
+bottom is rigid: between two moments, points move in the image by their true inverse depth, and by
+the turn of the camera. Disparities with an offset, or a wrong focal length, fit no rigid motion.
+The length of the baseline is not seen: all of it would be larger, alike.
+
+The cause is tested against its rivals: disparities that are wrong by an amount that grows over rows
+(shutters that read them in opposite directions while the cameras move) or columns, and by amounts
+that differ from pair to pair, look like an offset where an offset alone is fitted.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,177 +32,23 @@ from calibration.field_checks.matches import (
     match_described,
     same_points,
 )
+from calibration.field_checks.rigid_motion import (
+    COLUMNS,
+    FOCAL,
+    LATER,
+    LATER_ROWS,
+    OFFSET,
+    ROWS,
+    Fitted,
+    SeenTwice,
+    corrected_points,
+    fit_motions,
+)
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
-from calibration.rig import RangeError
-
-# Rigid motions between pairs, fitted together with what is wrong with all disparities and with the
-# focal length.
+from calibration.rig_errors import RangeError
 
 Array = NDArray[np.float64]
-POSE = 6
-"""A turn (rad) and a shift (baselines) of each couple; then come the shared values."""
-OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS = range(6)
-"""Shared values, to be added to disparities, pixels: an offset; an amount that grows over the rows
-and one that grows over the columns, at half the image's height and width from the middle; and, at
-the second moment alone, an offset and an amount that grows over the rows. FOCAL is the logarithm of
-the focal length's factor."""
-STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-2, 1e-4, 1e-2, 1e-2, 1e-2, 1e-2])
-"""Of numerical derivatives; a pose that moves by less has converged."""
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """rounds: of Gauss-Newton; poses_first: how many of them leave the shared values alone.
-
-    noise_px: where the loss turns from squares to absolute values. free: standard deviations of the
-    shared values before anything is seen: couples that only move sideways hold no focal length.
-    fixed: of one that is not free.
-    """
-
-    rounds: int = 40
-    poses_first: int = 6
-    noise_px: float = 0.15
-    free: tuple[float, ...] = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
-    fixed: float = 1e-6
-
-
-SETTINGS = FitSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class SeenTwice:
-    """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
-    disparity.
-
-    roll_rad: of the right image against the left one by the rows at the first moment.
-    """
-
-    first: Array
-    second: Array
-    roll_rad: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """values: (6,) shared values, 0 where they were not free. partial: (couples, 6) the same
-    without each couple.
-
-    std: (6,) standard errors, from the residuals and between couples; formal: from the residuals
-    alone. rest_px: root mean square of the residuals.
-    """
-
-    values: Array
-    partial: Array
-    std: Array
-    formal: Array
-    rest_px: float
-
-
-def fit_motions(couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int) -> Fitted:
-    """Robust least squares of all couples' motions with the ``free`` of the values that they share.
-
-    Raises LinAlgError where a couple's points hold no motion.
-    """
-    poses, shared = np.zeros((len(couples), POSE)), np.zeros(len(SETTINGS.free))
-    deviations = np.full(len(shared), SETTINGS.fixed)
-    deviations[list(free)] = np.array(SETTINGS.free)[list(free)]
-    prior = (SETTINGS.noise_px / deviations) ** 2
-    for number in range(SETTINGS.rounds):
-        normals = [
-            _normal(couple, np.append(pose, shared), geometry)
-            for couple, pose in zip(couples, poses, strict=True)
-        ]
-        H = np.diag(prior) + sum(normal.H for normal in normals)
-        g = -prior * shared + sum(normal.g for normal in normals)
-        late = number >= SETTINGS.poses_first
-        step = np.asarray(np.linalg.solve(H, g)) if late else np.zeros(len(shared))
-        moved = np.array([normal.pose_step(step) for normal in normals])
-        poses, shared = poses + moved, shared + step
-        if number > SETTINGS.poses_first and (np.abs(moved) < STEPS[:POSE]).all():
-            break
-    without = np.array([shared + np.linalg.solve(H - normal.H, g - normal.g) for normal in normals])
-    square = float(np.mean([normal.square for normal in normals]))
-    formal = np.sqrt(np.diag(np.linalg.inv(H)) * square)
-    std = np.hypot(jackknife(without), formal) if len(couples) > 1 else formal
-    return Fitted(shared, without, std, formal, float(np.sqrt(square)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Normal:
-    """Normal equations of the shared values, its pose eliminated: H (6, 6), g (6,). square:
-    weighted mean squared residual.
-    """
-
-    H: Array
-    g: Array
-    to_pose: Array
-    by_shared: Array
-    square: float
-
-    def pose_step(self, step: Array) -> Array:
-        """(6,) the step of the pose for this step of the shared values."""
-        return np.asarray(self.to_pose - self.by_shared @ step)
-
-
-def _normal(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> _Normal:
-    rest = _residuals(couple, values, geometry)
-    slope = np.empty((*rest.shape, len(values)))
-    for i, size in enumerate(STEPS):
-        moved = values.copy()
-        moved[i] += size
-        slope[:, :, i] = (_residuals(couple, moved, geometry) - rest) / size
-    weights = 1 / np.sqrt(1 + (rest**2).sum(axis=1) / SETTINGS.noise_px**2)
-    A, r = slope.reshape(-1, len(values)), rest.ravel()
-    weighted = A * np.repeat(weights, 3)[:, None]
-    H, g = A.T @ weighted, -weighted.T @ r
-    H_pose = H[:POSE, :POSE] + 1e-9 * np.diag(np.diag(H)[:POSE])
-    solved = np.linalg.solve(H_pose, np.column_stack([g[:POSE], H[:POSE, POSE:]]))
-    to_pose, by_shared = solved[:, 0], solved[:, 1:]
-    square = float((weights * (rest**2).sum(axis=1)).sum() / max(3 * len(rest) - POSE, 1))
-    return _Normal(
-        H[POSE:, POSE:] - H[POSE:, :POSE] @ by_shared,
-        g[POSE:] - H[POSE:, :POSE] @ to_pose,
-        to_pose,
-        by_shared,
-        square,
-    )
-
-
-def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> Array:
-    """(n, 3) pixels by which the points, moved from the first moment, miss those of the second."""
-    turn, shift, shared = values[:3], values[3:POSE], values[POSE:]
-    scale = geometry.focal_px * np.exp(shared[FOCAL])
-    first = _corrected(couple.first, shared[[OFFSET, COLUMNS, ROWS]], geometry) / scale
-    later = shared[[OFFSET, COLUMNS, ROWS]] + [shared[LATER], 0, shared[LATER_ROWS]]
-    second = _corrected(couple.second, later, geometry) / scale
-    R = cv2.Rodrigues(turn)[0]
-    rays = np.column_stack([first[:, :2], np.ones(len(first))]) @ R.T + first[:, 2:] * shift
-    moved = np.column_stack([rays[:, :2], first[:, 2]]) / rays[:, 2:]
-    return np.asarray((moved - second) * scale)
-
-
-def _corrected(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array:
-    """(n, 3) points with what is wrong added to their disparities: an offset, over columns, over
-    rows.
-    """
-    half = np.array(geometry.image_size) / 2
-    disparity = points[:, 2] + wrong_px[0] + points[:, :2] / half @ wrong_px[1:]
-    return np.column_stack([points[:, :2], disparity])
-
-
-# Errors of the calibration that rows do not show, seen in the motion between neighboring pairs of
-# a dive.
-#
-# An offset that all disparities have (images shifted along the baseline, a principal point, a yaw
-# of a camera) and a focal length that is wrong in both cameras leave the rows as they are.
-# But the bottom is rigid: between two moments, points move in the image by their true inverse
-# depth, and by the turn of the camera. Disparities with an offset, or a wrong focal length, fit
-# no rigid motion. The length of the baseline is not seen: all of it would be larger, alike.
-#
-# The cause is tested against its rivals: disparities that are wrong by an amount that grows over
-# rows (shutters that read them in opposite directions while the cameras move) or columns, and by
-# amounts that differ from pair to pair, look like an offset where an offset alone is fitted.
 
 
 @dataclass(frozen=True)
@@ -421,18 +275,15 @@ def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> Seen
     return _couple(rectification, pairs, MATCH_LIMITS)
 
 
-def find_motion(
-    rectification: Rectification, starts: Iterable[Iterable[Images]], until_right: bool = False
-) -> Motion:
+def find_motion(rectification: Rectification, starts: Iterable[Iterable[Images]]) -> Motion:
     """Measure on raw image pairs. starts: as for ``find_couples``.
 
-    until_right: no more couples are looked at once the least number of them shows that ranges are
-    right.
+    No more couples are looked at once the least number of them shows that ranges are right.
     """
     couples: list[SeenTwice] = []
     for couple in find_couples(rectification, starts):
         couples.append(couple)
-        if until_right and len(couples) == LIMITS.least_couples:
+        if len(couples) == LIMITS.least_couples:
             motion = motion_of(couples, rectification.matching_pair)
             if motion.is_right:
                 return motion
@@ -450,6 +301,24 @@ def find_couples(
     for pairs in starts:
         if couple := _couple(rectification, pairs):
             yield couple
+
+
+def fit_known(
+    couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int
+) -> tuple[Fitted, bool]:
+    """As ``fit_motions``, but of a focal length that these couples do not show; and whether they
+    do.
+    """
+    fitted = fit_motions(couples, geometry, *free)
+    if known := bool(fitted.std[FOCAL] < LIMITS.known_focal):
+        return fitted, known
+    others = [value for value in free if value != FOCAL]
+    return fit_motions(couples, geometry, *others), known
+
+
+def range_error(offset_px: Array, log_focal: Array, disparity_px: float) -> Array:
+    """Of ranges at a disparity, relative, that lacks this offset and is of this focal length."""
+    return np.asarray((1 + offset_px / disparity_px) * np.exp(-log_focal) - 1)
 
 
 def motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> Motion:
@@ -488,11 +357,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         std_px = float(np.hypot(uneven.std[value], lens_px / 2))
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
         free += [value] if abs(uneven.values[value]) > least_px else []
-    fitted = fit_motions(couples, geometry, *free)
-    focal_is_known = fitted.std[FOCAL] < LIMITS.known_focal
-    if not focal_is_known:
-        free.remove(FOCAL)
-        fitted = fit_motions(couples, geometry, *free)
+    fitted, focal_is_known = fit_known(couples, geometry, *free)
     found = replace(
         seen, rest_px=fitted.rest_px, own_px=float(np.median([one.rest_px for one in own]))
     )
@@ -500,7 +365,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         return found
     offset_px, log_focal, rows_px, columns_px = map(float, fitted.values[:4])
     lens_focal = LIMITS.focal * focal_is_known
-    errors = (1 + fitted.partial[:, OFFSET] / disparity_px) * np.exp(-fitted.partial[:, FOCAL])
+    errors = range_error(fitted.partial[:, OFFSET], fitted.partial[:, FOCAL], disparity_px)
     parts = [
         float(jackknife(errors[:, None])[0]),
         fitted.std[OFFSET] / disparity_px,
@@ -513,7 +378,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         offset_std_px=float(np.hypot(fitted.std[OFFSET], lens_px)),
         focal=float(np.expm1(log_focal)) if focal_is_known else np.nan,
         focal_std=float(np.hypot(fitted.std[FOCAL], lens_focal)) if focal_is_known else np.inf,
-        range_error=float((1 + offset_px / disparity_px) * np.exp(-log_focal) - 1),
+        range_error=float(range_error(fitted.values[OFFSET], fitted.values[FOCAL], disparity_px)),
         range_std=float(np.linalg.norm(parts)),
         rows_px=rows_px if ROWS in free else 0.0,
         rows_std_px=float(np.hypot(fitted.std[ROWS], lens_px / 2)) if ROWS in free else np.inf,
@@ -527,7 +392,7 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
 def _without_columns(couple: SeenTwice, columns_px: float, geometry: RectifiedPair) -> SeenTwice:
     """The couple with disparities corrected by an amount that grows over the columns."""
     first, second = (
-        _corrected(points, np.array([0.0, columns_px, 0.0]), geometry)
+        corrected_points(points, np.array([0.0, columns_px, 0.0]), geometry)
         for points in (couple.first, couple.second)
     )
     return replace(couple, first=first, second=second)

@@ -1,30 +1,21 @@
-"""Vertical disparity of matched points: what it says of a calibration, fitted over the image, and
-quickly over one pair.
+"""Vertical disparity of matched points of a dive: what it says of a calibration, and what explains
+it.
 """
 
-import math
-from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
 from calibration.errors import counted
-from calibration.field_checks.causes import MOVED, NOT_TESTED, Causes
-from calibration.field_checks.enlargement import NOT_ENLARGED, Enlargement
-from calibration.field_checks.matches import (
-    NO_KEYSTONE,
-    QUICK,
-    Images,
-    Keystone,
-    find_keystone,
-    find_matches,
-)
+from calibration.field_checks.causes import NOT_TESTED, Causes
+from calibration.field_checks.large_causes import NOT_TRIED, BestFactor
 from calibration.field_checks.motion import NO_MOTION, Motion
-from calibration.geometry import RectifiedPair
-from calibration.port import FLAT_PORT
-from calibration.rectification import Rectification
-
-# Check of a calibration by the rows of matched points of a dive, and what explains disagreement.
+from calibration.field_checks.table import (
+    ENLARGED,
+    GIVE_RECTIFIED,
+    IN_AIR,
+    MOVED,
+    RECTIFIED,
+    LargeCause,
+)
 
 
 @dataclass(frozen=True)
@@ -60,11 +51,10 @@ class RowLimits:
 
 
 LIMITS = RowLimits()
-RECTIFIED = "the images are rectified already"
-GIVE_RECTIFIED = (
-    "give the calibration of the rectified images (rectified.yaml, P of ROS, P1 and P2 of OpenCV, "
-    "or one focal length without distortion and rotation), or the raw images"
-)
+MIN_MATCHES = 50
+"""Fewer do not reach the corners of the image, where roll and scale show."""
+BEHIND_PX = -0.5
+"""Disparity of a point behind infinity: beyond the noise of matches, about 0.1 px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +65,9 @@ class RowCheck:
     roll_deg: the vertical offset, vertical scale (1 = none) and rotation of the right image that
     explain the most of it; unexplained_px: the median that these leave. behind_fraction: of the
     matches, those with impossible disparity (points behind infinity).
-    enlargement: of images cut out of those that were calibrated, and what it leaves.
-    keystone: what a yaw of the right camera would leave in the rows.
-    index: the refractive index of a flat port that explains the matches best, 1 = none;
-    index_unexplained_px: what it leaves.
+    enlargement: of images cut out of those that were calibrated. port: the refractive index behind
+    a flat port. looks_bent: rows look like a yaw that no mount gives, and as much like another
+    distortion of the lenses.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked
     for and found.
     motion: between neighboring pairs, which shows what rows do not. causes: what explains both.
@@ -99,11 +88,10 @@ class RowCheck:
     roll_deg: float
     unexplained_px: float
     behind_fraction: float
-    index: float
-    index_unexplained_px: float
-    enlargement: Enlargement = NOT_ENLARGED
+    enlargement: BestFactor = NOT_TRIED
+    port: BestFactor = NOT_TRIED
+    looks_bent: bool = False
     mistake: str = ""
-    keystone: Keystone = NO_KEYSTONE
     motion: Motion = NO_MOTION
     causes: Causes = NOT_TESTED
     unrectified_px: float = float("inf")
@@ -116,8 +104,11 @@ class RowCheck:
     @property
     def acceptable(self) -> bool:
         """True if rows agree to a quarter of a pixel, and ranges are not wrong."""
-        agree = self.row_error_px <= LIMITS.acceptable_px
-        return agree and not self.ranges_are_wrong and not self.odd
+        return self._agree and not self.ranges_are_wrong and not self.odd
+
+    @property
+    def _agree(self) -> bool:
+        return self.row_error_px <= LIMITS.acceptable_px
 
     @property
     def ranges_are_wrong(self) -> bool:
@@ -131,7 +122,8 @@ class RowCheck:
             or self.refusal
             or self.mistake
             or self.change
-            or (self.row_error_px > LIMITS.acceptable_px and (self.cut_out or self.air_in_water))
+            or self.cut_out
+            or self.air_in_water
             or self.row_error_px > LIMITS.row_fraction * abs(self.disparity_px)
         )
 
@@ -181,31 +173,31 @@ class RowCheck:
         either way.
         """
         explained_px = min(self.row_error_px, self.unexplained_px)
-        agree = self.unrectified_px <= min(
+        as_they_are = self.unrectified_px <= min(
             LIMITS.acceptable_px, LIMITS.rectified_ratio * explained_px
         )
-        return agree and self.row_error_px > LIMITS.acceptable_px
-
-    @property
-    def in_front(self) -> bool:
-        """Tell whether nearly all points lie in front of the cameras."""
-        return self.behind_fraction < 1 - LIMITS.swapped_fraction
+        return as_they_are and not self._agree
 
     @property
     def has_moved(self) -> bool:
         """True if rows disagree as after a movement of a camera, which refining can find."""
         turned = self.causes.is_wrong and self.causes.has_moved
-        drifted = (self.row_error_px > LIMITS.acceptable_px and self._is_drift) or turned
+        drifted = (self._is_drift and not self._agree) or turned
         otherwise = (
             self.swapped
             or self.air_in_water
             or self.cut_out
-            or self.keystone.is_lens
+            or self.is_lens
             or self.refusal
             or self.no_rig
             or self.change
         )
         return drifted and not (otherwise or self.mistake)
+
+    @property
+    def is_lens(self) -> bool:
+        """Tell whether ranges are wrong by what may be another distortion of the lenses."""
+        return self.looks_bent and self.causes.is_wrong
 
     @property
     def _is_drift(self) -> bool:
@@ -217,14 +209,11 @@ class RowCheck:
         """Tell whether bending the rays as a flat port in water does explains rows that do not
         agree without it.
         """
-        bent_px = self.index_unexplained_px
-        in_water = LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
+        bent_px = self.port.unexplained_px
         return (
-            in_water
-            and not self.rectified_already
+            _is_water(self.port.factor)
             and self._explains(bent_px)
             and bent_px <= self.enlargement.unexplained_px
-            and not self.causes.is_simple
         )
 
     @property
@@ -232,16 +221,14 @@ class RowCheck:
         """True if images cut out of those that were calibrated, and enlarged to their size, explain
         rows that do not agree.
         """
-        left_px = self.enlargement.unexplained_px
-        return (
-            self._explains(left_px)
-            and not self.causes.is_simple
-            and not (self.air_in_water or self.rectified_already)
-        )
+        return self._explains(self.enlargement.unexplained_px) and not self.air_in_water
 
     def _explains(self, left_px: float) -> bool:
+        """Tell whether a large cause that leaves so much explains rows where no small one does."""
         gain_px = self.unexplained_px - left_px
-        return left_px < LIMITS.air_ratio * self.unexplained_px and gain_px > LIMITS.air_gain_px
+        clearly = left_px < LIMITS.air_ratio * self.unexplained_px and gain_px > LIMITS.air_gain_px
+        otherwise = self._agree or self.rectified_already or self.causes.is_simple
+        return clearly and not otherwise
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -259,32 +246,28 @@ class RowCheck:
             )
         advice = []
         if self.air_in_water:
-            advice.append(
-                f"light bent by a flat port (index {self.index:.2f}) explains the rows, "
-                f"{self.index_unexplained_px:.2f} px left instead of {self.unexplained_px:.2f} px: "
-                "it looks like a calibration made in air; calibrate in water, or describe the "
-                f"port: --set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
-            )
+            advice.append(self._large(IN_AIR, self.port))
         elif self.cut_out:
-            factor = self.enlargement.factor
-            in_water = LIMITS.water_index[0] <= factor <= LIMITS.water_index[1]
             air = (
                 "; a focal length measured in air looks the same in water: calibrate in water"
-                if in_water
+                if _is_water(self.enlargement.factor)
                 else ""
             )
-            advice.append(
-                f"images cut out of the calibrated ones and enlarged about {factor:.2f} times, to "
-                f"their size, explain the rows, {self.enlargement.unexplained_px:.2f} px left "
-                f"instead of {self.unexplained_px:.2f} px: ranges would be {1 / factor:.2f} of the "
-                "true ones; give the whole images, or a calibration of this (or of the stabilized) "
-                f"mode{air}"
-            )
-        else:
-            advice += [self._explanation] if self._is_to_explain else []
+            advice.append(f"{self._large(ENLARGED, self.enlargement)}{air}")
+        elif self.causes.line or not self._agree:
+            advice.append(self._explanation)
         advice += [self.motion.between] if self.motion.between_px else []
         advice += [self.odd] if self.odd else []
         return tuple(advice)
+
+    def _large(self, cause: LargeCause, found: BestFactor) -> str:
+        text = cause.text.format(
+            factor=found.factor,
+            inverse=1 / found.factor,
+            left=found.unexplained_px,
+            rows=self.unexplained_px,
+        )
+        return f"{text}; {cause.cure}"
 
     def lines(self) -> list[str]:
         """The report line by line, the verdict last."""
@@ -293,8 +276,7 @@ class RowCheck:
         only = ": rows alone; ranges are off by less than 2 %"
         return [
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
-            f"{self.row_error_px:.2f} px (median); offset {self.offset_px:+.2f} px, vertical scale "
-            f"{self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
+            f"{self.row_error_px:.2f} px (median); {self._movement} leave "
             f"{self.unexplained_px:.2f} px",
             *(
                 []
@@ -322,26 +304,25 @@ class RowCheck:
         )
 
     @property
-    def _is_to_explain(self) -> bool:
-        return bool(self.row_error_px > LIMITS.acceptable_px or self.causes.line)
+    def _movement(self) -> str:
+        return (
+            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll "
+            f"{self.roll_deg:+.3f} degrees"
+        )
 
     @property
     def _explanation(self) -> str:
         """What does not fit, by how much, and what explains it."""
-        movement = (
-            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll "
-            f"{self.roll_deg:+.3f} degrees"
-        )
-        if self.row_error_px <= LIMITS.acceptable_px:
+        if self._agree:
             what = "rows that agree to a quarter of a pixel contradict the calibration all the same"
             if self.motion.is_found:
                 what = "neighboring pairs contradict the calibration"
         elif self._is_drift:
-            what = f"a vertical disparity of {self.row_error_px:.2f} px, as after {movement}"
+            what = f"a vertical disparity of {self.row_error_px:.2f} px, as after {self._movement}"
         else:
             what = (
-                f"a vertical disparity of {self.row_error_px:.2f} px, of which {movement} leave "
-                f"{self.unexplained_px:.2f} px"
+                f"a vertical disparity of {self.row_error_px:.2f} px, of which {self._movement} "
+                f"leave {self.unexplained_px:.2f} px"
             )
         if self.no_rig:
             return (
@@ -358,58 +339,5 @@ class RowCheck:
         )
 
 
-# A quick look at one pair, an eighth of the time of a full check: whether its rows agree, and how
-# far away its points are.
-
-Array = NDArray[np.float64]
-MIN_MATCHES = 50  # fewer do not reach the corners of the image, where roll and scale show
-BEHIND_PX = -0.5  # disparity of a point behind infinity: beyond the noise of matches, about 0.1 px
-# images smaller than that at a third of their size show too few features there
-LEAST_PIXELS = 1.6e5
-STRAY_PX = 1.0  # a row that much off the median is not a match of the same point
-
-
-@dataclass(frozen=True, eq=False)
-class QuickCheck:
-    """The outcome of a quick look. rows_agree: to a quarter of a pixel, and left is left; False
-    also if too little matches to tell.
-
-    keystone: True if there may be one that stands for wrong ranges, which more pairs must tell.
-    range_m: (n,) of the points in front of the cameras, along the ray; empty if too little matches
-    to tell.
-    """
-
-    rows_agree: bool
-    keystone: bool
-    range_m: Array
-
-
-def quick_check(rectification: Rectification, images: Images) -> QuickCheck:
-    """Look at one raw pair. ``vertical_disparity`` says what is wrong where rows do not agree."""
-    pair = rectification.matching_pair
-    step_px = min(QUICK.step_px, math.ceil(math.sqrt(math.prod(pair.image_size) / LEAST_PIXELS)))
-    found = find_matches(rectification, *images, replace(QUICK, step_px=step_px))
-    if len(found.left) < MIN_MATCHES:
-        return QuickCheck(False, False, np.zeros(0))
-    shift_px, row_px = (found.left - found.right).T
-    disparity_px = shift_px - (pair.cx_left_px - pair.cx_right_px)
-    apart = np.median(disparity_px) > -BEHIND_PX  # else swapped, or one camera's picture twice
-    agree = np.median(np.abs(row_px)) <= LIMITS.acceptable_px and apart
-    centered = (
-        found.left - [pair.cx_left_px, pair.cy_px],
-        found.right - [pair.cx_right_px, pair.cy_px],
-    )
-    keystone = find_keystone(*centered, np.zeros(len(row_px), np.int64), pair.focal_px)
-    in_front = (np.abs(row_px - np.median(row_px)) < STRAY_PX) & (disparity_px > -BEHIND_PX)
-    return QuickCheck(
-        bool(agree),
-        keystone.is_possible,
-        _range_m(pair, found.left[in_front], disparity_px[in_front]),
-    )
-
-
-def _range_m(pair: RectifiedPair, left: Array, disparity_px: Array) -> Array:
-    slopes = (left - [pair.cx_left_px, pair.cy_px]) / pair.focal_px
-    return np.asarray(
-        pair.focal_px * pair.baseline_m / disparity_px * np.sqrt(1 + (slopes**2).sum(axis=1))
-    )
+def _is_water(factor: float) -> bool:
+    return LIMITS.water_index[0] <= factor <= LIMITS.water_index[1]

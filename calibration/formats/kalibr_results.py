@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.rig import RigErrors
+from calibration.rig_errors import RigErrors
 
 CAMCHAIN, RESULTS = "camchain", "results-cam"
 SAME = 1e-3

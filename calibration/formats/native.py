@@ -13,16 +13,9 @@ from calibration.formats.calibration_format import NATIVE
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.section import Section, naming
 from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
-from calibration.rig import (
-    UNSEEN,
-    Camera,
-    CameraModel,
-    Medium,
-    Movement,
-    Refinement,
-    RigErrors,
-    StereoRig,
-)
+from calibration.refinement import UNSEEN, Movement, Refinement
+from calibration.rig import Camera, CameraModel, Medium, StereoRig
+from calibration.rig_errors import RigErrors
 
 VERSION = 1
 

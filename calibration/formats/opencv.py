@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.reading.aliases import spelled
 from calibration.formats.reading.finder import Parts, Role, Side, find, miscounted
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
@@ -20,37 +21,6 @@ from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 
-FISHEYE_NAMES = {
-    "fisheye",
-    "equidistant",
-    "kannalabrandt",
-    "kannalabrandt8",
-    "kb4",
-    "opencvfisheye",
-}
-OTHER_LENSES = {
-    "omni",
-    "omnidirectional",
-    "mei",
-    "fov",
-    "atan",
-    "ds",
-    "doublesphere",
-    "eucm",
-    "ucm",
-    "division",
-    "scaramuzza",
-}
-KNOWN_PINHOLE = {
-    "plumbbob",
-    "rationalpolynomial",
-    "radtan",
-    "radialtangential",
-    "brown",
-    "brownconrady",
-    "standard",
-    "opencv",
-}
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
 FORWARD, BACKWARD = (
@@ -238,7 +208,7 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
         for said, text in texts(document.content)
         if {"model", "type"} & set(said)
     }
-    others = OTHER_LENSES & named
+    others = spelled(named, "other lens")
     if others:
         raise CalibrationError(
             f"{document.where}: the lens model {min(others)!r} is not supported: calibrate with "
@@ -259,12 +229,12 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
         return [("", "pinhole")]
     said_so = any(text is True and "fisheye" in said for said, text in texts(document.content))
     if (
-        named & FISHEYE_NAMES
+        spelled(named, "fisheye")
         or said_so
         or any("fe" in words(leaf.path[-1]) for leaf in distortions)
     ):
         return [("", "fisheye")]
-    is_open = not named & KNOWN_PINHOLE and all(
+    is_open = not spelled(named, "pinhole") and all(
         leaf.numbers.size == 4 and leaf.numbers.any() for leaf in distortions
     )
     return [(FOUR_PINHOLE, "pinhole"), (FOUR_FISHEYE, "fisheye")] if is_open else [("", "pinhole")]

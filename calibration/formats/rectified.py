@@ -5,11 +5,12 @@
 import numpy as np
 
 from calibration.formats.opencv import size_of
+from calibration.formats.reading.aliases import METERS
 from calibration.formats.reading.finder import find
 from calibration.formats.reading.leaves import words
 from calibration.formats.reading.poses import has_pose
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.reading.units import METERS, to_meters
+from calibration.formats.reading.units import to_meters
 from calibration.formats.ros import make_camera
 from calibration.rig import StereoRig
 

@@ -22,10 +22,12 @@ from calibration.field_checks.motion import couple_across
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
+    edge,
     evenly_spaced,
     matching_threads,
     read_both,
     readable,
+    stretches,
 )
 from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
@@ -77,7 +79,8 @@ def look_at(rectification: Rectification, pair: Pair, images: InputConfig) -> Pa
     little.
     """
     with suppress(InputError, CalibrationError):
-        return _rows_of(rectification, read_both(pair, images))
+        both = read_both(pair, images)
+        return _rows_of(rectification, both)
     return None
 
 
@@ -133,7 +136,7 @@ def _find_change(
     if changes.kind == "step":
         before = rows[changes.before]
         assert before
-        first = _edge(places[changes.before], places[changes.first], lambda i: changed(i, before))
+        first = edge(places[changes.before], places[changes.first], lambda i: changed(i, before))
         after = look_at(rectification, pairs[first], images)
         wrong = pairs[:first] if before.is_behind else pairs[first:]
         if after and after.is_behind != before.is_behind:
@@ -189,7 +192,7 @@ def odd_among(
     rows = list(threads.each(lambda place: look_at(rectification, pairs[place], images), compared))
     changes = changes_of(rows)
     odd = [compared[number] for number in changes.odd if compared[number] in suspects]
-    lines = [odd_line(pairs[first].name, pairs[last].name) for first, last in _stretches(odd)]
+    lines = [odd_line(pairs[first].name, pairs[last].name) for first, last in stretches(odd)]
     return DiveChange("; ".join(lines), frozenset(pairs[place].name for place in odd))
 
 
@@ -214,30 +217,6 @@ def _standing_out(facts: Sequence[Mapping[str, float]]) -> list[int]:
     return sorted(int(place) for place in most if far[place] > STANDS_OUT)
 
 
-def _stretches(places: Sequence[int]) -> list[tuple[int, int]]:
-    """The first and last of each stretch of neighboring places, which are in order."""
-    parts: list[tuple[int, int]] = []
-    for place in places:
-        if parts and place == parts[-1][1] + 1:
-            parts[-1] = (parts[-1][0], place)
-        else:
-            parts.append((place, place))
-    return parts
-
-
-def _edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
-    """The place nearest to ``inside``, which is not outside, that is; by halves. inside may lie
-    before or after ``outside``.
-    """
-    while abs(outside - inside) > 1:
-        middle = (inside + outside) // 2
-        if is_outside(middle):
-            outside = middle
-        else:
-            inside = middle
-    return outside
-
-
 def _odd_parts(
     odd: Sequence[int], good: Sequence[int], pairs: int, is_odd: Callable[[int], bool]
 ) -> list[tuple[int, int]]:
@@ -248,8 +227,8 @@ def _odd_parts(
             continue
         before = [place for place in good if place < here]
         after = [place for place in good if place > here]
-        first = _edge(before[-1], here, is_odd) if before else 0
-        last = _edge(after[0], here, is_odd) if after else pairs - 1
+        first = edge(before[-1], here, is_odd) if before else 0
+        last = edge(after[0], here, is_odd) if after else pairs - 1
         parts.append((first, last))
     return parts
 

@@ -3,15 +3,10 @@
 ``run``, ``range``, ``check`` and ``inspect`` ask the same questions before the work.
 """
 
-from stereo_seecolor.checks.image_files import (
-    channel_order,
-    compression,
-    cut_out,
-    form,
-    gray_side,
-    shifted_mosaic,
-)
+from stereo_seecolor.checks.channel_order import channel_order
+from stereo_seecolor.checks.image_files import compression, cut_out, form
 from stereo_seecolor.checks.range_maps import disparities
+from stereo_seecolor.checks.sides_and_mosaics import gray_side, shifted_mosaic
 from stereo_seecolor.checks.verdict import Check
 
 _COMPRESSION = Check("strong compression", "the head of a file", compression)

@@ -4,7 +4,7 @@ the right one of a neighbor.
 
 import contextlib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from calibration.field_checks.matches import (
     similar_points,
 )
 from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
-from stereo_seecolor.checks.sample import matching_threads
+from stereo_seecolor.checks.sample import matching_threads, read_both, stretches
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -101,9 +101,9 @@ def neighbor_that_fits(
     None where it is the pair's own, or where no right image among the next neighbors fits.
     Raises InputError if an image of ``pair`` cannot be read.
     """
-    left = describe_left(rectification, read_image(pair.left, config))
-    right = describe_right(rectification, read_image(pair.right, config))
-    own = agreeing_points(rectification, left, right)
+    images = read_both(pair, config)
+    left = describe_left(rectification, images[0])
+    own = agreeing_points(rectification, left, describe_right(rectification, images[1]))
     place = pairs.index(pair)
     others = [
         *pairs[max(0, place - _LIMITS.reach) : place],
@@ -140,9 +140,8 @@ def constant_shift(
                 return None
             shifts.add(pairs.index(other) - pairs.index(pair))
             example = _fits(pair, other)
-            one_camera = _same_picture(
-                read_image(pair.left, config), read_image(other.right, config)
-            )
+            images = read_both(replace(pair, right=other.right), config)
+            one_camera = _same_picture(*images)
     if len(sample) < 2 or len(shifts) != 1:
         return None
     if one_camera:
@@ -231,20 +230,18 @@ def _slips(
     """The parts of a dive that are out of step, as where both sides lost images of their own; None
     for less than two parts.
     """
-    parts: list[list[tuple[int, Pair]]] = []
-    for place, pair in misfits:
-        if parts and place == parts[-1][-1][0] + 1:
-            parts[-1].append((place, pair))
-        else:
-            parts.append([(place, pair)])
-    parts = [part for part in parts if len(part) >= _LIMITS.part_pairs]
+    parts = [
+        (first, last)
+        for first, last in stretches(place for place, _ in misfits)
+        if last - first + 1 >= _LIMITS.part_pairs
+    ]
     found = []
-    for part in parts[:NOTED_PARTS]:
-        place, pair = part[len(part) // 2]
-        if other := _fitting(pair, pairs, rectification, config):
+    for first, last in parts[:NOTED_PARTS]:
+        place = (first + last + 1) // 2
+        if other := _fitting(pairs[place], pairs, rectification, config):
             found.append(
-                f"{part[0][1].name} to {part[-1][1].name} by {pairs.index(other) - place:+d} "
-                f"({_fits(pair, other)})"
+                f"{pairs[first].name} to {pairs[last].name} by {pairs.index(other) - place:+d} "
+                f"({_fits(pairs[place], other)})"
             )
     if len(found) < 2:
         return None

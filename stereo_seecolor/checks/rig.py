@@ -4,17 +4,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
 from calibration.field_checks.causes import find_causes
-from calibration.field_checks.hypotheses import Hypothesis, likely_hypothesis, may_be_wrong
 from calibration.field_checks.matches import Matches, find_matches
+from calibration.field_checks.mistakes import FoundMistake, likely_mistake, may_be_wrong
 from calibration.field_checks.motion import find_couples, find_motion, motion_of
-from calibration.field_checks.vertical_disparity import quick_check
+from calibration.field_checks.quick_check import quick_check
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
+from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
     evenly_spaced,
@@ -25,7 +23,7 @@ from stereo_seecolor.checks.sample import (
     readable,
 )
 from stereo_seecolor.checks.verdict import NOTHING_FOUND, RANGES, DiveVerdict
-from stereo_seecolor.config import InputConfig, MatchingConfig
+from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
@@ -41,7 +39,7 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
     spread over the dive.
 
     A quick look is enough for most dives. A full check takes longer than matching some pairs and is
-    made only where rows of a pair disagree or may hold a keystone. change: what changes from pair
+    made only where rows of a pair disagree or may show wrong ranges. change: what changes from pair
     to pair. Raises InputError where no pair can be matched and the likely mistake is known.
     """
     pairs = change.shared(pairs)
@@ -55,7 +53,7 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
             pair, first = looks[0]
             limits = range_limits(first.range_m, pipeline.config.matching)
             said = (*(f"range: in pair {pair.name}, {limit.note}" for limit in limits), *said)
-            if not any(look.keystone for _, look in looks):
+            if not find_causes(pipeline.rig, [look.matches for _, look in looks]).is_wrong:
                 return _motion_check(pipeline, pairs).after(DiveVerdict(said))
     return _full_check(pipeline, pairs, change).after(DiveVerdict(said))
 
@@ -66,7 +64,7 @@ def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     """
     starts = list(neighbors(pairs, pipeline.config.input))
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
-    motion = find_motion(pipeline.rectification, from_ends, until_right=True)
+    motion = find_motion(pipeline.rectification, from_ends)
     if motion.is_found:
         return _full_check(pipeline, pairs, DiveChange())
     unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
@@ -106,7 +104,7 @@ class JudgedRig:
     """
 
     rows: RowCheck | None
-    mistake: Hypothesis | None = None
+    mistake: FoundMistake | None = None
     refusal: str = ""
     too_few: str = ""
 
@@ -145,10 +143,10 @@ def judge_rig(
         rows = judge_matches(rig, found)
     except CalibrationError as error:
         too_few = str(error)
-    mistake: Hypothesis | None = None
+    mistake: FoundMistake | None = None
     refusal = rows.refusal if rows else ""
     if not refusal and (rows is None or may_be_wrong(rows)):
-        mistake = likely_hypothesis(rig, first_images(evenly_spaced(pairs, DECIDING_PAIRS), images))
+        mistake = likely_mistake(rig, first_images(evenly_spaced(pairs, DECIDING_PAIRS), images))
         refusal = mistake.line if mistake else _out_of_step(rig, pairs, images) or ""
     if rows is None:
         return JudgedRig(None, mistake, refusal, too_few)
@@ -180,7 +178,8 @@ def matches_of(
 
     def matched(pair: Pair) -> Matches | str:
         try:
-            return find_matches(rectification, *read_both(pair, images))
+            both = read_both(pair, images)
+            return find_matches(rectification, *both)
         except (InputError, CalibrationError) as error:
             return str(error)
 
@@ -190,85 +189,3 @@ def matches_of(
         {pair: one for pair, one in outcomes.items() if isinstance(one, Matches)},
         {pair: one for pair, one in outcomes.items() if isinstance(one, str)},
     )
-
-
-# The limits of range in the settings against features of a dive: reefs lie within 20 m, streets
-# and cliffs do not.
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RangeConstants:
-    """Constants of the check.
-
-    lost: fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01
-    are, by mismatches.
-    ends: percentiles of range taken for the nearest and the farthest point, which leave out
-    mismatches.
-    margin: factor between these and the proposed limits.
-    """
-
-    lost: float = 0.05
-    ends: tuple[float, float] = (1.0, 95.0)
-    margin: float = 1.3
-
-
-CONSTANTS = RangeConstants()
-
-
-@dataclass(frozen=True)
-class RangeLimits:
-    """A limit of range that cuts off features of a dive. key: its setting in ``matching``. now_m:
-    its value. fits_m: one that fits.
-
-    lost: fraction of the features outside it.
-    """
-
-    key: str
-    now_m: float
-    fits_m: float
-    lost: float
-
-    @property
-    def option(self) -> str:
-        """The proposed setting, as --set takes it."""
-        return f"matching.{self.key}={self.fits_m:g}"
-
-    @property
-    def note(self) -> str:
-        """A line on what is lost, and what to do."""
-        side = "beyond" if self.fits_m > self.now_m else "nearer than"
-        limit = f"matching.{self.key} ({self.now_m:g} m)"
-        return (
-            f"{self.lost:.0%} of the features lie {side} {limit} and get no range: --set "
-            f"{self.option}"
-        )
-
-
-def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, ...]:
-    """The limits that too many features lie outside of. range_m: (n,) ranges of features,
-    meters.
-    """
-    if range_m.size == 0:
-        return ()
-    near_m, far_m = np.percentile(range_m, CONSTANTS.ends)
-    near = RangeLimits(
-        "min_range_m",
-        config.min_range_m,
-        _rounded(near_m / CONSTANTS.margin, np.floor),
-        float((range_m < config.min_range_m).mean()),
-    )
-    far = RangeLimits(
-        "max_range_m",
-        config.max_range_m,
-        _rounded(far_m * CONSTANTS.margin, np.ceil),
-        float((range_m > config.max_range_m).mean()),
-    )
-    return tuple(limit for limit in (near, far) if limit.lost > CONSTANTS.lost)
-
-
-def _rounded(value_m: float, towards: np.ufunc) -> float:
-    """A length rounded to one digit, down or up: ``towards`` is np.floor or np.ceil."""
-    unit_m = 10 ** np.floor(np.log10(value_m))
-    return float(f"{towards(value_m / unit_m) * unit_m:.1g}")

@@ -1,6 +1,6 @@
 """What checks look at: the images of a dive, and pairs spread over it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -42,6 +42,30 @@ def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:
     """At most ``most`` of the items, pairs or their places, evenly over the dive."""
     places = np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int)
     return [items[i] for i in np.unique(places)]
+
+
+def edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
+    """The place nearest to ``inside``, which is not outside, that is; by halves. inside may lie
+    before or after ``outside``.
+    """
+    while abs(outside - inside) > 1:
+        middle = (inside + outside) // 2
+        if is_outside(middle):
+            outside = middle
+        else:
+            inside = middle
+    return outside
+
+
+def stretches(places: Iterable[int]) -> list[tuple[int, int]]:
+    """The first and last of each stretch of neighboring places, which are in order."""
+    parts: list[tuple[int, int]] = []
+    for place in places:
+        if parts and place == parts[-1][1] + 1:
+            parts[-1] = (parts[-1][0], place)
+        else:
+            parts.append((place, place))
+    return parts
 
 
 def matching_threads(image_size: tuple[int, int]) -> Threads:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import reduce
 
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.records import Numbers
 

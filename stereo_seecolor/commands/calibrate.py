@@ -14,7 +14,7 @@ from calibration.boards.target_views import TargetView, detect_view
 from calibration.boards.targets import parse_target
 from calibration.calibrate import calibrate as fit_rig
 from calibration.checks import RowCheck
-from calibration.field_checks.hypotheses import settle_matches
+from calibration.field_checks.conventions import settle_matches
 from calibration.field_checks.matches import Matches, rectified_matches
 from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
@@ -22,8 +22,9 @@ from calibration.port import FlatPort
 from calibration.port_errors import port_error
 from calibration.rectification import raw_points
 from calibration.refine import refine_matches
+from calibration.refinement import Refinement
 from calibration.resizing import resized_rig
-from calibration.rig import Medium, Refinement
+from calibration.rig import Medium
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.dive import IMAGE_CHECKS

@@ -8,8 +8,9 @@ from itertools import islice
 from pathlib import Path
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.hypotheses import LIMITS, likely_hypothesis, resolve_convention
+from calibration.field_checks.conventions import resolve_convention
 from calibration.field_checks.matches import Matches, raw_matches
+from calibration.field_checks.mistakes import LIMITS, likely_mistake
 from calibration.formats import load_rig_of_images, native
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
@@ -206,7 +207,7 @@ class DiveRefinement:
                 f"{found.summary}",
             )
         if found.before_px > LIMITS.wrong_px and (
-            mistake := likely_hypothesis(rig, first_images(self.pairing.pairs, self.images))
+            mistake := likely_mistake(rig, first_images(self.pairing.pairs, self.images))
         ):
             raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
         return refined, f"calibration: refined, as rig.yaml records: {found.summary}"

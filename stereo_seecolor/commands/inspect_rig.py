@@ -13,13 +13,15 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck
-from calibration.field_checks.hypotheses import Hypothesis, resolve_convention
-from calibration.field_checks.vertical_disparity import quick_check
+from calibration.field_checks.conventions import resolve_convention
+from calibration.field_checks.mistakes import FoundMistake
+from calibration.field_checks.quick_check import quick_check
 from calibration.formats import format_name, load_rig_of_images
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.changes import find_change
-from stereo_seecolor.checks.rig import RangeLimits, judge_rig, matches_of, range_limits
+from stereo_seecolor.checks.range_limits import RangeLimits, range_limits
+from stereo_seecolor.checks.rig import judge_rig, matches_of
 from stereo_seecolor.checks.sample import DECIDING_PAIRS
 from stereo_seecolor.commands.calibrate import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
@@ -183,7 +185,7 @@ class Tested:
     measured: SampleMeasures | None = None
     fitting: bool = True
     limits: tuple[RangeLimits, ...] = ()
-    mistake: Hypothesis | None = None
+    mistake: FoundMistake | None = None
 
     @property
     def rows(self) -> RowCheck | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from calibration import CalibrationError
-from stereo_seecolor.checks.image_files import RepeatedImages
+from stereo_seecolor.checks.repeated_images import RepeatedImages
 from stereo_seecolor.compute.sequences import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.dive.frames import Frames, PageFrames, PairSource

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
-from calibration.rectification import OriginalView
-from stereo_seecolor.checks.light_and_water import exposure_warnings
+from calibration.original_view import OriginalView
+from stereo_seecolor.checks.exposure import exposure_warnings
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, RectifiedPair
-from calibration.rectification import OriginalView
+from calibration.original_view import OriginalView
 from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig

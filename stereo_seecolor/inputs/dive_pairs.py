@@ -10,7 +10,7 @@ from pathlib import Path
 from calibration.errors import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.names import product_name, short_hash, stem_of
+from stereo_seecolor.files.names import product_name, stem_of
 from stereo_seecolor.inputs.halves import pair_halves
 from stereo_seecolor.inputs.listing import (
     FolderFiles,
@@ -25,6 +25,7 @@ from stereo_seecolor.inputs.pairing import (
     Pairing,
     in_dive_order,
     pair_folders,
+    with_unique_names,
 )
 
 
@@ -108,7 +109,8 @@ def _folder_by_folder(
         f"the same file names occur in each of {both}: pairs are named after folder and file, "
         f"the first {pairs[0].name}"
     )
-    return Pairing(DivePairs.of(_in_order(_distinct(pairs))), tuple(unpaired), (anew, *notes))
+    pairs = _in_order(with_unique_names(pairs, str))
+    return Pairing(DivePairs.of(pairs), tuple(unpaired), (anew, *notes))
 
 
 def _alone(source: Path, reason: str) -> list[Unpaired]:
@@ -123,14 +125,3 @@ def _in_order(pairs: list[Pair]) -> list[Pair]:
     if any(count > 1 for time_s, count in times.items() if time_s is not None):
         pairs = [replace(pair, timestamp_s=None) for pair in pairs]
     return in_dive_order(pairs)
-
-
-def _distinct(pairs: list[Pair]) -> list[Pair]:
-    """Names that would meet in one output file get a hash each."""
-    count = Counter(pair.name.casefold() for pair in pairs)
-    return [
-        pair
-        if count[pair.name.casefold()] == 1
-        else replace(pair, name=f"{pair.name}~{short_hash(str(pair.left))}")
-        for pair in pairs
-    ]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container, read_bytes
-from stereo_seecolor.files.names import product_name
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.decoding import decode_raw
@@ -19,12 +18,11 @@ from stereo_seecolor.inputs.listing import (
     EXTENSIONS,
     Listing,
 )
-from stereo_seecolor.inputs.name_times import timestamp_from_name
 from stereo_seecolor.inputs.pairing import (
     DivePairs,
-    Pair,
     Pairing,
     in_dive_order,
+    pair_of,
     with_unique_names,
 )
 
@@ -53,12 +51,7 @@ def pair_halves(listing: Listing, right_half_first: bool) -> Pairing:
     """
     first, second = SIDES[::-1] if right_half_first else SIDES
     pairs = [
-        Pair(
-            product_name(image.stem),
-            half_path(image, first),
-            half_path(image, second),
-            timestamp_from_name(image.stem),
-        )
+        pair_of(image.stem, half_path(image, first), half_path(image, second))
         for image in listing.files
     ]
     cut = f"a wide one into {first} | {second}, a tall one into {first} above {second}"

@@ -4,7 +4,7 @@ to none.
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import counted
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.compute.sequences import Lazy, Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -46,6 +46,11 @@ class Pair:
     right: Path
     timestamp_s: float | None = None
     place: tuple[int, int] = field(default=(0, 1), compare=False)
+
+
+def pair_of(name: str, left: Path, right: Path) -> Pair:
+    """A pair of the time that the left file's name holds."""
+    return Pair(product_name(name), left, right, timestamp_from_name(left.stem))
 
 
 class DivePairs(Lazy[Pair]):
@@ -152,7 +157,7 @@ class _Matching:
 
     def add(self, name: str, left: Path, right: Path) -> None:
         """Add a pair."""
-        self.pairs.append(Pair(product_name(name), left, right, timestamp_from_name(left.stem)))
+        self.pairs.append(pair_of(name, left, right))
 
     def settle_by_time(self, tolerance_s: float, offset_s: float = 0.0) -> None:
         """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock
@@ -405,15 +410,17 @@ def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
     )
 
 
-def with_unique_names(pairs: list[Pair]) -> list[Pair]:
-    """Append a hash of the left file's name to names that would meet in one output file, also where
-    case does not count.
+def with_unique_names(
+    pairs: list[Pair], file: Callable[[Path], str] = lambda path: path.name
+) -> list[Pair]:
+    """Append a hash of what ``file`` says of the left file to names that would meet in one output
+    file, also where case does not count.
     """
     count = Counter(pair.name.casefold() for pair in pairs)
     return [
         pair
         if count[pair.name.casefold()] == 1
-        else replace(pair, name=f"{pair.name}~{short_hash(pair.left.name)}")
+        else replace(pair, name=f"{pair.name}~{short_hash(file(pair.left))}")
         for pair in pairs
     ]
 

@@ -10,10 +10,10 @@ import numpy as np
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tiles import Tiling
-from stereo_seecolor.mapping.survey import Component
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 
 
 @dataclass(frozen=True)

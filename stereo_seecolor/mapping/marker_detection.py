@@ -7,66 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-
-# Corners of a marker to a fiftieth of a pixel, as intersections of lines fitted to its four
-# sides.
-#
-# A corner that is looked for at the corner itself lies inside by a tenth of a pixel, since blur
-# rounds corners; it does not move the middle of a side.
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class EdgeSettings:
-    """Where the sides are searched."""
-
-    samples: int = 32  # along a side
-    kept: tuple[float, float] = (0.1, 0.9)  # of it: nearer to the corners blur rounds it
-    reach_px: float = 3.0  # to both sides, and
-    # at most this fraction of it: the first squares of the code are an eighth away
-    reach_side: float = 0.07
-    step_px: float = 0.25
-
-
-SETTINGS = EdgeSettings()
-
-
-def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
-    """Refine rough corners (4, 2) of a dark square; they are returned unchanged where a side cannot
-    be seen.
-    """
-    sides = [_side(gray, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
-    if any(side is None for side in sides):
-        return corners_px
-    lines = np.array(sides)
-    met = np.array([np.cross(lines[i - 1], lines[i]) for i in range(4)])
-    return np.asarray(met[:, :2] / met[:, 2:])
-
-
-def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
-    """(3,) the line a x + b y + c = 0 along a side, through the steepest place of each profile
-    across it.
-    """
-    along = end - start
-    length = float(np.linalg.norm(along))
-    across = np.array([-along[1], along[0]]) / length
-    reach = min(SETTINGS.reach_px, SETTINGS.reach_side * length)
-    offsets = np.arange(-reach, reach + SETTINGS.step_px / 2, SETTINGS.step_px)
-    if len(offsets) < 5:
-        return None
-    feet = start + np.linspace(*SETTINGS.kept, SETTINGS.samples)[:, None] * along
-    places = (feet[:, None] + offsets[:, None] * across).astype(np.float32)
-    profiles = cv2.remap(gray, places[..., 0], places[..., 1], cv2.INTER_LINEAR).astype(np.float64)
-    steepness = np.abs(np.diff(profiles, axis=1)) ** 2
-    total = steepness.sum(axis=1)
-    if not (total > 0).all():
-        return None
-    at = (steepness * (offsets[1:] + offsets[:-1]) / 2).sum(axis=1) / total
-    points = (feet + at[:, None] * across).astype(np.float32)
-    vx, vy, x, y = np.ravel(cv2.fitLine(points, cv2.DIST_HUBER, 0, 0.001, 0.001)).astype(np.float64)
-    return np.array([-vy, vx, vy * x - vx * y])
-
+from stereo_seecolor.mapping.marker_corners import refined
 
 FAMILIES = {
     "36h11": "DICT_APRILTAG_36h11",

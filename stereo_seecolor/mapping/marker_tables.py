@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.formats.reading.units import METERS
+from calibration.formats.reading.aliases import METERS
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import is_unit, separator_of, split_fields

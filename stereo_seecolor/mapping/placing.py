@@ -23,9 +23,10 @@ from stereo_seecolor.mapping.navigation.motions import misfit
 from stereo_seecolor.mapping.navigation.spot_check import spot_check
 from stereo_seecolor.mapping.navigation.upright import upright
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import loops, odometry
-from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit, fitted_to_fiducials, refined
+from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.fiducials import Marks
+from stereo_seecolor.mapping.track.marker_fit import MarkersFit, fitted_to_fiducials
+from stereo_seecolor.mapping.track.placement_refinement import refined
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
@@ -179,7 +180,7 @@ def _placed_by_poses(
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:
         used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
-    elif not loops.available():
+    elif not pose_graph.available():
         missing = (
             "the given poses were used unchanged: to fit them to the images, pip install "
             "'stereo-seecolor[slam]' (GTSAM)"
@@ -284,18 +285,18 @@ def _upright(
 
 
 def _adjusted(
-    track: odometry.Track, placement: Placement, known: Sequence[loops.Prior] = ()
+    track: odometry.Track, placement: Placement, known: Sequence[pose_graph.Prior] = ()
 ) -> Placement:
-    return refined(track, placement, known) if loops.available() else placement
+    return refined(track, placement, known) if pose_graph.available() else placement
 
 
 def _to_fiducials(
     track: odometry.Track,
     placement: Placement,
     config: MappingConfig,
-    known: Sequence[loops.Prior] = (),
+    known: Sequence[pose_graph.Prior] = (),
 ) -> tuple[Placement, MarkersFit | None]:
     """Constrain a track by what is known of markers."""
-    if not config.markers.known or not loops.available():
+    if not config.markers.known or not pose_graph.available():
         return placement, None
     return fitted_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)

@@ -19,8 +19,9 @@ from stereo_seecolor.compute.process import one_thread_in_products
 from stereo_seecolor.compute.threads import Threads, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, PointSampling, Progress, silent
-from stereo_seecolor.mapping.kept_frames import Frames, KeptFrames, ReadableFrames, Unplaced
+from stereo_seecolor.mapping.kept_frames import KeptFrames
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.map_records import comment, write_description, write_poses, write_track
 from stereo_seecolor.mapping.navigation.comparison import Navigation
@@ -37,9 +38,10 @@ from stereo_seecolor.mapping.surface.parts import write_map
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
-from stereo_seecolor.mapping.survey import Component, Survey
-from stereo_seecolor.mapping.track.bundle_adjustment import MarkersFit
+from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.survey_frames import Frames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.track.fiducials import read_known
+from stereo_seecolor.mapping.track.marker_fit import MarkersFit
 from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 

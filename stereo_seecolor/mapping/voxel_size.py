@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import SurveyFrame
 
 

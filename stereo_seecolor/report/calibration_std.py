@@ -8,7 +8,7 @@ from statistics import median
 from typing import Literal
 
 from calibration import CalibrationError, StereoRig
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_run import FinishedRun

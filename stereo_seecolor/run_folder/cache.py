@@ -20,7 +20,7 @@ from calibration import CalibrationError, StereoRig
 from calibration.bounded_text import load_json
 from calibration.formats import native
 from calibration.formats.reading.section import Section
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.config import RunConfig

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from calibration import CalibrationError, RectifiedPair, StereoRig
 from calibration.bounded_text import load_json
 from calibration.formats import load_rig
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.errors import InputError

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from calibration.rig import RangeError
+from calibration.rig_errors import RangeError
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Names, Packed, SomeNames
 from stereo_seecolor.errors import InputError, printable

@@ -28,7 +28,7 @@ from hypothesis.strategies import DrawFn, floats, integers
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import WritableFormat, load_rig, write_rig
 from calibration.geometry import rigid
-from calibration.rig import RigErrors
+from calibration.rig_errors import RigErrors
 
 FORMATS: dict[WritableFormat, str] = {
     "native": "cam.yaml",

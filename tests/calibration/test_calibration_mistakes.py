@@ -10,9 +10,9 @@ import pytest
 from calibration_boards import fisheye_rig, pinhole_rig
 
 from calibration import Rectification, StereoRig
-from calibration.field_checks import hypotheses
-from calibration.field_checks.hypotheses import likely_hypothesis
+from calibration.field_checks import mistakes
 from calibration.field_checks.matches import Matches
+from calibration.field_checks.mistakes import likely_mistake
 from calibration.resizing import wrong_size
 
 IMAGES = (np.zeros((960, 1280), np.uint8), np.zeros((960, 1280), np.uint8))
@@ -76,8 +76,8 @@ MISTAKES = {
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_in_the_calibration_is_named(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = verged_rig()
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig))
-    found = likely_hypothesis(MISTAKES[what](rig), [IMAGES])
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: points_of(rig))
+    found = likely_mistake(MISTAKES[what](rig), [IMAGES])
     assert found is not None
     assert what in found.line
     assert found.exchanged == ("swapped" in what)
@@ -88,8 +88,8 @@ def test_images_that_are_rectified_already_are_named(monkeypatch: pytest.MonkeyP
     rig = verged_rig()
     rig = changed(rig, cv2.Rodrigues(np.array([0.05, 0.02, 0.06]))[0], rig.T_right_left[:3, 3])
     points = points_of(Rectification.from_rig(rig).rectified_rig())
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points)
-    found = likely_hypothesis(rig, [IMAGES])
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: points)
+    found = likely_mistake(rig, [IMAGES])
     assert found is not None
     assert (
         "the images are rectified already" in found.line
@@ -109,8 +109,8 @@ def test_images_that_were_turned_are_named(
             for s in ("left", "right")
         )
     )
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: turned)
-    found = likely_hypothesis(rig, [IMAGES])
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: turned)
+    found = likely_mistake(rig, [IMAGES])
     assert found is not None
     assert f"the {' and '.join(sides)} images are turned by 180 degrees" in found.line
 
@@ -136,8 +136,8 @@ def test_images_that_were_mirrored_are_named(
             return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
         return Matches(pixels["left"], np.abs([1279, 0] - pixels["right"]))
 
-    monkeypatch.setattr(hypotheses, "similar_points", similar_points)
-    found = likely_hypothesis(rig, [images])
+    monkeypatch.setattr(mistakes, "similar_points", similar_points)
+    found = likely_mistake(rig, [images])
     assert found is not None
     assert (
         f"the {' and '.join(sides)} images are mirrored, "
@@ -152,8 +152,8 @@ def test_a_rig_that_is_right_is_not_accused(
     rig: StereoRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     size = rig.left.image_size[::-1]
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig))
-    assert likely_hypothesis(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: points_of(rig))
+    assert likely_mistake(rig, [(np.zeros(size, np.uint8), np.zeros(size, np.uint8))]) is None
 
 
 @pytest.mark.parametrize("turn_px", [1.0, 4.0, 15.0])
@@ -162,8 +162,8 @@ def test_a_camera_that_has_moved_is_no_mistake(
 ) -> None:
     rig = verged_rig()
     turned = cv2.Rodrigues(np.array([turn_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig))
-    assert likely_hypothesis(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: points_of(rig))
+    assert likely_mistake(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
 
 
 @pytest.mark.parametrize("pitch_px", [-8.0, -4.0, 1.5])
@@ -173,8 +173,8 @@ def test_an_inverse_transform_of_a_rig_that_moved_gets_no_other_name(
     rig = verged_rig()
     turned = cv2.Rodrigues(np.array([pitch_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
     given = inverse(changed(rig, turned, rig.T_right_left[:3, 3]))
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(rig, 0.2))
-    found = likely_hypothesis(given, [IMAGES])
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: points_of(rig, 0.2))
+    found = likely_mistake(given, [IMAGES])
     assert found is None or "the inverse" in found.line
 
 
@@ -189,8 +189,8 @@ def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
     rig = changed(
         replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0])
     )
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: points_of(exchanged(rig)))
-    found = likely_hypothesis(rig, [IMAGES])
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: points_of(exchanged(rig)))
+    found = likely_mistake(rig, [IMAGES])
     assert found is not None
     assert found.exchanged
     assert "images mirrored on both sides would look the same" in found.line
@@ -199,10 +199,10 @@ def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(
 def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     strewn = Matches(rng.uniform(0, 960, (200, 2)), rng.uniform(0, 960, (200, 2)))
-    monkeypatch.setattr(hypotheses, "similar_points", lambda *_: strewn)
-    assert likely_hypothesis(inverse(verged_rig()), [IMAGES]) is None
+    monkeypatch.setattr(mistakes, "similar_points", lambda *_: strewn)
+    assert likely_mistake(inverse(verged_rig()), [IMAGES]) is None
     # another size: what is wrong is said elsewhere
-    assert likely_hypothesis(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
+    assert likely_mistake(verged_rig(), [(IMAGES[0][::2], IMAGES[1])]) is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from calibration import Rectification, RectifiedPair
-from calibration.field_checks.motion import Motion, SeenTwice, find_motion, motion_of
+from calibration.field_checks.motion import Motion, find_motion, motion_of
+from calibration.field_checks.rigid_motion import SeenTwice
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig

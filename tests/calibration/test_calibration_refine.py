@@ -153,4 +153,4 @@ def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
     left, right = (in_air(camera) for camera in (rig.left, rig.right))
     air = vertical_disparity(replace(rig, left=left, right=right), pairs[2:20:8])
     assert air.air_in_water
-    assert air.index == pytest.approx(1.34, abs=0.04)
+    assert air.port.factor == pytest.approx(1.34, abs=0.04)

@@ -16,7 +16,7 @@ from test_calibration_rectification import rig_at
 
 from calibration import Camera, Rectification, StereoRig
 from calibration.formats import native
-from calibration.rectification import OriginalView
+from calibration.original_view import OriginalView
 from calibration.refraction import cameras_in_water
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.tiff import encode_tiff

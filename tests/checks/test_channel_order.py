@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from color_waters import clear_water
 
-from stereo_seecolor.checks.image_files import channel_order
-from stereo_seecolor.checks.light_and_water import channel_order_notes
+from stereo_seecolor.checks.channel_order import channel_order
+from stereo_seecolor.checks.fitted_water import channel_order_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.inputs.images import read_image

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor.checks.rig import range_limits
+from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.config import MatchingConfig
 

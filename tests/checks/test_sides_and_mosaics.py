@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stereo_seecolor.checks.image_files import channel_order, gray_side, shifted_mosaic
+from stereo_seecolor.checks.channel_order import channel_order
 from stereo_seecolor.checks.sample import DiveImages
+from stereo_seecolor.checks.sides_and_mosaics import gray_side, shifted_mosaic
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.pairing import Pair
 

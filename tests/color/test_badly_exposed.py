@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Dive
 
-from stereo_seecolor.checks.light_and_water import exposure_warnings
+from stereo_seecolor.checks.exposure import exposure_warnings
 
 DARK = "the frame is almost black: its colors are mostly noise"
 RANGE_M = np.full((80, 100), 2.0, np.float32)

@@ -14,7 +14,8 @@ import yaml
 from conftest import read_pixels
 
 from calibration import CalibrationError
-from calibration.field_checks.vertical_disparity import QuickCheck
+from calibration.field_checks.matches import Matches
+from calibration.field_checks.quick_check import QuickCheck
 from calibration.formats import load_rig
 from stereo_seecolor.checks import rig as rig_checks
 
@@ -209,7 +210,9 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(
 
     if not points:
         monkeypatch.setattr(
-            rig_checks, "quick_check", lambda *_: QuickCheck(False, False, np.zeros(0))
+            rig_checks,
+            "quick_check",
+            lambda *_: QuickCheck(False, Matches(np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)),
         )
         monkeypatch.setattr(rig_checks, "judge_matches", too_few)
     reef = Path(__file__).resolve().parents[2] / "data_samples/reef"

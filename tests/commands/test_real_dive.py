@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.field_checks.hypotheses import likely_hypothesis, resolve_convention
+from calibration.field_checks.conventions import resolve_convention
+from calibration.field_checks.mistakes import likely_mistake
 from calibration.formats import load_rig
 from stereo_seecolor.cli import main
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -83,14 +84,14 @@ def test_mistakes_with_its_calibration_are_named(real_data: Path) -> None:
     rig = resolve_convention(
         load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), [images]
     )
-    assert likely_hypothesis(rig, [images]) is None
+    assert likely_mistake(rig, [images]) is None
     inverse, transposed = np.linalg.inv(rig.T_right_left), rig.T_right_left.copy()
     inverse[3], transposed[:3, :3] = [0, 0, 0, 1], rig.R.T
     for T, said in (
         (inverse, "is the inverse one"),
         (transposed, "rotation between the cameras is transposed"),
     ):
-        found = likely_hypothesis(replace(rig, T_right_left=T), [images])
+        found = likely_mistake(replace(rig, T_right_left=T), [images])
         assert found and said in found.line
-    swapped = likely_hypothesis(rig, [(images[1], images[0])])
+    swapped = likely_mistake(rig, [(images[1], images[0])])
     assert swapped and swapped.exchanged

@@ -9,7 +9,7 @@ import pytest
 from conftest import make_files
 from PIL import Image
 
-from calibration.field_checks.hypotheses import _EXCHANGE
+from calibration.field_checks.table import EXCHANGE
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.live.sources import live_source
@@ -123,7 +123,7 @@ def test_both_sides_in_each_image(tmp_path: Path, axis: int, dtype: type) -> Non
         frame = FrameReader(config).read(pair)
         assert pair.name == "7"
         np.testing.assert_array_equal([frame.left, frame.right], order)
-    assert "input.right_half_first=true" in _EXCHANGE
+    assert "input.right_half_first=true" in EXCHANGE
 
 
 def test_halves_keep_what_the_camera_recorded(tmp_path: Path) -> None:

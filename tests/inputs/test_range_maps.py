@@ -17,7 +17,7 @@ import pytest
 import rasterio
 import scipy.io
 
-from stereo_seecolor.checks.light_and_water import range_scale_notes
+from stereo_seecolor.checks.fitted_water import range_scale_notes
 from stereo_seecolor.color import Water, fit
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.waters import WaterName, lit_water

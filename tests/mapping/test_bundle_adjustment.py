@@ -16,17 +16,14 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import bundle_adjustment, bundle_problem, odometry
-from stereo_seecolor.mapping.track.bundle_adjustment import (
-    Adjusted,
-    RefinementSettings,
-    adjust,
-    refined,
-)
+from stereo_seecolor.mapping.track import bundle_problem, odometry, placement_refinement
+from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.frame_blocks import Relation, TrackObservations, observations
-from stereo_seecolor.mapping.track.loops import Prior, solve
-from stereo_seecolor.mapping.track.relative_pose import Edge, Observed, RelativePose, fit_pose
+from stereo_seecolor.mapping.track.image_space import Observed
+from stereo_seecolor.mapping.track.placement_refinement import RefinementSettings, refined
+from stereo_seecolor.mapping.track.pose_graph import Prior, solve
+from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose
+from stereo_seecolor.mapping.track.shared_points import Relation, TrackObservations, observations
 
 Array = NDArray[np.float64]
 MOST = 1_000_000
@@ -226,7 +223,7 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
             RefinementSettings(),
             RefinementSettings(most_frames=10, window=8, overlap=4),
         ):
-            monkeypatch.setattr(bundle_adjustment, "REFINEMENT_SETTINGS", settings)
+            monkeypatch.setattr(placement_refinement, "REFINEMENT_SETTINGS", settings)
             found.append(refined(track, placement).T_world_camera)
         ends.append([off_m(T, scene)[-1] for T in (start, *found)])
     graph, whole, windows = np.sqrt((np.array(ends) ** 2).mean(axis=0))

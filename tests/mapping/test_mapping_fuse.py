@@ -48,8 +48,8 @@ from stereo_seecolor.geometry import (
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import kept_frames, survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kept_frames import ReadableFrames
 from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.survey_frames import ReadableFrames
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.lock import held

@@ -20,17 +20,16 @@ from stereo_seecolor.extras.evaluation.measures import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation import spot_check as spot_check_file
-from stereo_seecolor.mapping.navigation.constant_turn import constant_turn
 from stereo_seecolor.mapping.navigation.interpretations import is_rather_inverted
-from stereo_seecolor.mapping.navigation.lever_arm import lever_arm
 from stereo_seecolor.mapping.navigation.motions import Motions, depth_difference_m
+from stereo_seecolor.mapping.navigation.mount import constant_turn, lever_arm
 from stereo_seecolor.mapping.navigation.spot_check import QUICK, spot_check
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.features import Features, detect
-from stereo_seecolor.mapping.track.loops import by_appearance
+from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 

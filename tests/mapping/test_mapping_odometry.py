@@ -14,8 +14,7 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import loops as pose_graph
-from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.features import detect
 from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
 from stereo_seecolor.records import SurveyFrame

@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads
-from stereo_seecolor.mapping.track import loops
+from stereo_seecolor.mapping.track import place_recognition
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.loops import LOOP_SETTINGS as LOOPS
-from stereo_seecolor.mapping.track.loops import (
-    RECOGNITION_SETTINGS,
-    by_appearance,
-    by_overlap,
-)
+from stereo_seecolor.mapping.track.loops import by_overlap
+from stereo_seecolor.mapping.track.place_recognition import RECOGNITION_SETTINGS, by_appearance
 
 LINE_FRAMES, CELL_M, LANDMARKS = 40, 0.7, 20
 
@@ -93,8 +90,8 @@ def test_workers_do_not_change_what_is_recognized() -> None:
 def test_the_work_grows_with_the_frames_and_not_with_their_square(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    small = replace(loops.RECOGNITION_SETTINGS, sample_frames=60, cell=40, cells=4)
-    monkeypatch.setattr(loops, "RECOGNITION_SETTINGS", small)
+    small = replace(place_recognition.RECOGNITION_SETTINGS, sample_frames=60, cell=40, cells=4)
+    monkeypatch.setattr(place_recognition, "RECOGNITION_SETTINGS", small)
     footprint = np.random.default_rng(0).uniform(-1, 1, (20, 3))
     for frames in (160, 480):
         dive = Lawnmower(frames)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.geometry import pose, rotation_from_vector
-from stereo_seecolor.mapping.track.relative_pose import SETTINGS, Observed, move, residuals
+from stereo_seecolor.mapping.track.image_space import Observed, move
+from stereo_seecolor.mapping.track.relative_pose import SETTINGS, residuals
 
 
 def test_the_normal_equations_are_those_of_the_model() -> None:

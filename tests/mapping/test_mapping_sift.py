@@ -5,8 +5,8 @@ compared at a time.
 import numpy as np
 import pytest
 
-from stereo_seecolor.mapping.track import features
-from stereo_seecolor.mapping.track.features import match_near
+from stereo_seecolor.mapping.track import sift
+from stereo_seecolor.mapping.track.near_matches import match_near
 
 
 def test_each_is_the_others_nearest_and_clearly_so() -> None:
@@ -14,13 +14,11 @@ def test_each_is_the_others_nearest_and_clearly_so() -> None:
     a[:, 0] = [0, 10, 20, 21]
     b = np.zeros((4, 128), np.float32)
     b[:, 0] = [21, 1, 10, 11.5]
-    index_a, index_b = features.match_descriptors(a, b, 0.8)
+    index_a, index_b = sift.match_descriptors(a, b, 0.8)
     # 20 and 21 both are nearest to 21, whose nearest is 21
     assert list(zip(index_a.tolist(), index_b.tolist(), strict=True)) == [(0, 1), (1, 2), (3, 0)]
-    assert features.match_descriptors(a, b[[2, 3]] - [[0] * 128, [1] * 128], 0.01)[0].tolist() == [
-        1
-    ]
-    assert not len(features.match_descriptors(a[:1], b, 0.8)[0])
+    assert sift.match_descriptors(a, b[[2, 3]] - [[0] * 128, [1] * 128], 0.01)[0].tolist() == [1]
+    assert not len(sift.match_descriptors(a[:1], b, 0.8)[0])
 
 
 def test_parts_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,9 +30,9 @@ def test_parts_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch) -> Non
             rng.integers(0, 255, (90, 128)),
         ]
     ).astype(np.float32)
-    whole = features.match_descriptors(a, b, 0.9)
-    monkeypatch.setattr(features, "AT_ONCE", 7)
-    parts = features.match_descriptors(a, b, 0.9)
+    whole = sift.match_descriptors(a, b, 0.9)
+    monkeypatch.setattr(sift, "AT_ONCE", 7)
+    parts = sift.match_descriptors(a, b, 0.9)
     assert 150 < len(whole[0]) < 250
     assert [index.tolist() for index in parts] == [index.tolist() for index in whole]
 
@@ -57,7 +55,7 @@ def test_near_its_expected_place_a_feature_is_found_among_others_that_look_like_
 
 
 def test_a_flat_image_has_no_keypoints() -> None:
-    pixels, descriptors = features.keypoints(
+    pixels, descriptors = sift.keypoints(
         np.full((64, 64), 128, np.uint8), np.ones((64, 64), np.uint8), 100
     )
     assert pixels.shape == (0, 2) and descriptors.shape == (0, 128)

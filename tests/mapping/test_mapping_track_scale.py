@@ -19,9 +19,11 @@ from track_scenes import (
 from calibration import RectifiedPair
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import pose, rotation_from_vector
-from stereo_seecolor.mapping.track.features import local_contrast, smooth_depth
+from stereo_seecolor.mapping.track.depth_smoothing import smooth_depth
 from stereo_seecolor.mapping.track.image_errors import FramePair, find_image_errors
-from stereo_seecolor.mapping.track.relative_pose import Observed, fit_pose, move
+from stereo_seecolor.mapping.track.image_space import Observed, move
+from stereo_seecolor.mapping.track.local_contrast import local_contrast
+from stereo_seecolor.mapping.track.relative_pose import fit_pose
 from stereo_seecolor.records import SurveyFrame
 
 PAIR = RectifiedPair(400.0, 160.0, 160.0, 128.0, 0.1, (320, 256))

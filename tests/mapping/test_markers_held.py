@@ -22,9 +22,9 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import check
-from stereo_seecolor.mapping.track.bundle_adjustment import first_fit
-from stereo_seecolor.mapping.track.bundle_problem import KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.fiducials import Marks
+from stereo_seecolor.mapping.track.known_points import KnownLength, KnownPlace
+from stereo_seecolor.mapping.track.marker_fit import first_fit
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 OFF = 1.012
@@ -129,7 +129,7 @@ def test_a_table_that_cannot_be_read_is_named_before_the_first_frame(
 
 @pytest.mark.slow
 def test_a_map_that_cannot_be_held_says_so(survey: Survey, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stereo_seecolor.mapping.track.loops.available", lambda: False)
+    monkeypatch.setattr("stereo_seecolor.mapping.track.pose_graph.available", lambda: False)
     config = MappingConfig(markers=MarkersConfig(edge_m=EDGE_M))
     assert any(
         "mapping.markers do not constrain the map" in said

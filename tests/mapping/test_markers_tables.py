@@ -15,8 +15,8 @@ from stereo_seecolor.mapping.marker_placing import PlacedSighting
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.mapping.placed_markers import PlacedMarker
 from stereo_seecolor.mapping.survey import Placement
-from stereo_seecolor.mapping.track.bundle_adjustment import at_places
 from stereo_seecolor.mapping.track.fiducials import Marks
+from stereo_seecolor.mapping.track.marker_fit import at_places
 from stereo_seecolor.records import GeoOrigin
 
 BARS = {

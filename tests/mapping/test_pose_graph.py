@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
-from stereo_seecolor.mapping.track.loops import available, solve
+from stereo_seecolor.mapping.track.pose_graph import available, solve
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 LINES, LINE_FRAMES, STD_M, STD_RAD = 10, 200, 0.003, 0.002

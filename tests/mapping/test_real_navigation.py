@@ -16,7 +16,7 @@ import pytest
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
 from calibration import Camera, StereoRig
-from calibration.field_checks.hypotheses import resolve_convention
+from calibration.field_checks.conventions import resolve_convention
 from calibration.formats import load_rig, native
 from stereo_seecolor.checks.sample import read_both
 from stereo_seecolor.commands.run import run

@@ -17,7 +17,8 @@ import pytest
 from conftest import REEF, Cli, CopyRun, Dive, SampleRun, command, contents
 
 from calibration.formats import native
-from calibration.rig import Movement, Refinement, RigErrors
+from calibration.refinement import Movement, Refinement
+from calibration.rig_errors import RigErrors
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config

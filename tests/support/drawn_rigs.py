@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.field_checks.matches import Matches, explain
-from calibration.field_checks.motion import SeenTwice
+from calibration.field_checks.rigid_motion import SeenTwice
 from calibration.geometry import RectifiedPair
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig

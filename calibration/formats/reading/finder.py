@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from calibration.formats.reading.aliases import SIDES, spelled
 from calibration.formats.reading.leaves import (
     LEAST_FOCAL_PX,
-    SIDES,
     Leaf,
     Numbers,
     leaves,
@@ -23,79 +23,9 @@ from calibration.formats.reading.leaves import (
 
 Role = Literal["K", "D", "R", "T", "P", "pose", "place", "body", "size", "baseline", "angles"]
 Side = Literal["left", "right", "both", "reversed", ""]
-EMPTY = {
-    "matrix",
-    "mat",
-    "data",
-    "value",
-    "values",
-    "val",
-    "array",
-    "vector",
-    "cam",
-    "camera",
-    "coefficients",
-    "row",
-    "rows",
-}
-"""Words that say nothing without another: the key above is asked."""
-IGNORED = {
-    "board", "boards", "chessboard", "checkerboard", "charuco", "aruco", "pattern", "square",
-    "squares", "target", "grid", "marker",
-    "markers", "views", "frames", "rvecs", "tvecs", "points", "corners", "roi", "imu", "std",
-    "stds", "stdev", "error", "errors",
-    "err", "covariance", "sigma", "uncertainty", "guess", "initial", "sensor", "pixel", "cell",
-    "world", "map", "vehicle", "robot",
-}  # fmt: skip
-"""Words of what is not part of the rig: the target, its poses, the errors of the numbers."""
-OF_RECTIFIED = {"new", "optimal", "opt", "rectified", "undistorted", "ideal", "rect"}
-K_WORDS = {
-    "k",
-    "m",
-    "a",
-    "cm",
-    "mtx",
-    "intrinsic",
-    "intrinsics",
-    "intrinsicmatrix",
-    "cameramatrix",
-    "cammatrix",
-}
-D_WORDS = {"d", "kc", "coeffs", "coeff", "coefs", "coef"}
-R_WORDS = {"r", "rmat", "rvec", "om", "rstereo", "stereor", "rodrigues"}
-T_WORDS = {"t", "tvec", "trns", "tstereo", "stereot"}
-P_WORDS = {"p", "proj"}
-POSE_WORDS = {"t", "rt", "extrinsic", "extrinsics", "pose", "stereo"}
-QUATERNION_WORDS = {"q", "quat", "quaternion", "qvec", "xyzw", "wxyz"}
-ANGLE_WORDS = {"euler", "rpy", "angles", "deg", "degrees", "roll", "pitch", "yaw"}
-"""Of a rotation whose order of turns differs between tools."""
-COMMON = {"world", "w", "map", "vehicle", "robot", "base", "rig", "body", "b", "imu", "i"}
-"""Axes in which the poses of both cameras may be given."""
-SENSORS = {
-    "imu", "gyro", "gyroscope", "accel", "accelerometer", "acc", "mag", "magnetometer", "compass",
-    "ahrs", "ins", "mru", "gnss", "gps", "rtk", "antenna", "dvl", "adcp", "usbl", "sbl", "lbl",
-    "aps", "acoustic", "modem", "transponder", "transducer", "receiver", "beacon", "hydrophone",
-    "sonar", "multibeam", "mbes", "fls", "sss", "echosounder", "altimeter", "lidar", "laser",
-    "radar", "depth", "pressure", "baro", "barometer", "ctd", "thruster", "arm", "gripper",
-    "manipulator", "light", "lamp", "strobe", "flash", "led",
-}  # fmt: skip
-"""Words of what stands on a vehicle beside its cameras."""
+OF_CAMERA = ("camera matrix", "distortion", "projection", "size")
+"""Parts that each camera has."""
 OF_PLACE: set[Role] = {"R", "T", "pose", "place", "body", "angles"}
-OUT_OF_CAMERA = {"sc", "bs", "wc", "bc", "ic"}
-PLACE_WORDS = {"position", "center", "centre", "place"}
-SIZE_WORDS = {
-    "wh",
-    "shape",
-    "dimension",
-    "dimensions",
-    "imsize",
-    "imgsize",
-    "imagesize",
-    "resolution",
-    "size",
-    "sz",
-}
-DIGITS = {"0", "1", "2"}
 ORTHONORMAL = 0.01
 """Largest error of R R^T = I that numbers of three decimals leave."""
 
@@ -153,12 +83,12 @@ def find(content: Mapping[str, Any]) -> Parts:
     return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers), doubts)
 
 
-COUNTS: dict[str, tuple[set[str], set[int]]] = {
-    "a camera matrix has 9 (3x3), or 4": (K_WORDS, {4, 9, 12, 16}),
-    "a rotation has 9, 3 or 4 (quaternion)": (R_WORDS, {3, 4, 9}),
-    "a transform has 16 or 12, a translation 3": (POSE_WORDS | T_WORDS, {3, 12, 16}),
+COUNTS = {
+    "a camera matrix has 9 (3x3), or 4": (("camera matrix",), {4, 9, 12, 16}),
+    "a rotation has 9, 3 or 4 (quaternion)": (("rotation",), {3, 4, 9}),
+    "a transform has 16 or 12, a translation 3": (("transform", "translation"), {3, 12, 16}),
 }
-"""What a part holds -> words that name it, and its counts of numbers."""
+"""What a part holds -> what it is, and its counts of numbers."""
 
 
 def miscounted(content: Mapping[str, Any]) -> str:
@@ -166,16 +96,11 @@ def miscounted(content: Mapping[str, Any]) -> str:
     many; "" without one.
     """
     for leaf in leaves(content):
-        said = set(words(leaf.path[-1])) - DIGITS
-        if (
-            _is_of_distortion(said)
-            or said & SIZE_WORDS
-            or _role(leaf)
-            or _is_of_sensor(leaf, False)
-        ):
+        said = words(leaf.path[-1])
+        if spelled(said, "distortion", "size") or _role(leaf) or _is_of_sensor(leaf, False):
             continue
         for fact, (names, counts) in COUNTS.items():
-            if said & names and leaf.numbers.size not in counts:
+            if spelled(said, *names) and leaf.numbers.size not in counts:
                 key = ".".join(leaf.path)
                 return f"{key} holds {leaf.numbers.size} numbers, and {fact}"
     return ""
@@ -223,11 +148,7 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
         said = list(words(key))
         if "cnm" in said:  # Kalibr's T_cn_cnm1, of the camera before
             continue
-        if (
-            role == "R"
-            and "r" in said
-            and not any(word.startswith("rot") or word in R_WORDS - {"r"} for word in said)
-        ):
+        if role == "R" and spelled(said, "rotation") == {"r"}:
             said.remove("r")
         if marks := side_marks(tuple(said)):
             return marks
@@ -241,12 +162,12 @@ def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
     """
     for key in reversed(leaf.path):
         said = words(key)
-        sensors = set(said) & SENSORS
+        sensors = spelled(said, "sensor")
         of_camera = any(word[:3] == "cam" or word == "c" for word in said)
         # the r of a rotation is no side
         of_side = bool({"left", "right"} & {*side_marks(tuple(w for w in said if len(w) > 1))})
         if sensors:
-            return not (sided and (of_camera or (of_side and sensors <= COMMON)))
+            return not (sided and (of_camera or (of_side and sensors == spelled(sensors, "body"))))
         if of_camera or of_side:
             return False
     return False
@@ -254,73 +175,77 @@ def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
 
 def _role(leaf: Leaf) -> Role | None:
     every = [words(key) for key in leaf.path]
-    ignored = {word for said in every for word in said} & IGNORED
-    if ignored and not (
-        ignored <= COMMON and leaf.numbers.size > 9 and as_transform(leaf.numbers) is not None
-    ):
+    ignored = spelled({word for said in every for word in said}, "no part")
+    of_body = leaf.numbers.size > 9 and ignored == spelled(ignored, "body")
+    if ignored and not (of_body and as_transform(leaf.numbers) is not None):
         return None
-    naming = [set(said) for said in reversed(every) if set(said) - EMPTY - DIGITS]
+    naming = [set(said) for said in reversed(every) if set(said) - spelled(said, "nothing")]
     said = naming[0] if naming else set()
     if leaf.numbers.size in (12, 16) and _leads_from_camera(every[-1]):
         return "body" if as_transform(leaf.numbers) is not None else None
-    if len(naming) > 1 and not said - SIDES.keys() - EMPTY and _is_of_camera(naming[1]):
+    if (
+        len(naming) > 1
+        and not said - SIDES.keys() - spelled(said, "nothing")
+        and spelled(naming[1], *OF_CAMERA)
+    ):
         said = naming[1]  # ``dist_coeffs: {left: ..., right: ...}``
     if {"camera", "matrix"} <= set(every[-1]):
         said = {"k", *every[-1]}
-    return _role_by(said - DIGITS, leaf.numbers)
+    return _role_by(said, leaf.numbers)
 
 
 def _role_by(said: set[str], numbers: Numbers) -> Role | None:
     count = numbers.size
-    of_rotation = bool(said & R_WORDS) or _starts(said, "rot")
-    if count > 3 and _is_of_distortion(said) and not said & OF_RECTIFIED:
+    of_rotation = bool(spelled(said, "rotation"))
+    if count > 3 and spelled(said, "distortion") and not spelled(said, "rectified images"):
         return "D"
-    if count == 4 and (said & QUATERNION_WORDS or (of_rotation and _is_unit(numbers))):
+    if count == 4 and (spelled(said, "quaternion") or (of_rotation and _is_unit(numbers))):
         return "R"
     if count == 9:
         return _role_of_nine(said, numbers, of_rotation)
     if count == 3:
         return _role_of_three(said, of_rotation)
-    if count == 12 and (said & P_WORDS or _starts(said, "projection")):
+    if count == 12 and spelled(said, "projection"):
         return "P"
     if count in (12, 16):
-        of_rig = said & (POSE_WORDS | COMMON) or _starts(said, "trans") or side_marks(tuple(said))
+        of_rig = spelled(said, "transform", "body") or side_marks(tuple(said))
         return "pose" if of_rig and as_transform(numbers) is not None else None
     if count == 1:
-        return "baseline" if _starts(said, "baseline") or "stereobaseline" in said else None
-    if count == 2 and said & SIZE_WORDS:
+        return "baseline" if spelled(said, "baseline") else None
+    if count == 2 and spelled(said, "size"):
         return "size"
-    return "K" if count == 4 and said & K_WORDS and not said & D_WORDS else None
+    of_lens = spelled(said, "camera matrix") and not spelled(said, "distortion")
+    return "K" if count == 4 and of_lens else None
 
 
 def _role_of_three(said: set[str], of_rotation: bool) -> Role | None:
     if "shape" in said:
         return "size"  # rows, columns, channels
-    if said & PLACE_WORDS:
+    if spelled(said, "place"):
         return "place"
-    if said & ANGLE_WORDS:
+    if spelled(said, "angles"):
         return "angles"
-    if of_rotation and not said & T_WORDS:
-        return "R"
-    return "T" if said & T_WORDS or _starts(said, "trans") else None
+    of_translation = spelled(said, "translation")
+    return "R" if of_rotation and not of_translation else "T" if of_translation else None
 
 
 def _is_named(role: Role, leaf: Leaf) -> bool:
     """Tell whether a word says that a leaf is a rotation; true for other roles."""
     said = {word for key in leaf.path for word in words(key)}
-    return role != "R" or bool(said & R_WORDS) or _starts(said, "rot")
+    return role != "R" or bool(spelled(said, "rotation"))
 
 
 def _role_of_nine(said: set[str], numbers: Numbers, of_rotation: bool) -> Role | None:
-    if _starts(said, "rect") and not _is_lens(numbers):
+    if any(word.startswith("rect") for word in said) and not _is_lens(numbers):
         return "R"
-    if said & OF_RECTIFIED:
+    if spelled(said, "rectified images"):
         return None
     if _is_lens(numbers):
         return "K"
     if is_rotation(numbers):
         return "R"
-    return "K" if said & K_WORDS or {"camera", "matrix"} <= said else "R" if of_rotation else None
+    of_lens = spelled(said, "camera matrix") or {"camera", "matrix"} <= said
+    return "K" if of_lens else "R" if of_rotation else None
 
 
 def as_transform(numbers: Numbers) -> Numbers | None:
@@ -348,7 +273,7 @@ def _lens_alone(leaf: Leaf) -> Leaf:
     lens = matrix[:3, :3].ravel()
     bare = not matrix[:3, 3].any() and matrix[3:].ravel().tolist() in ([], [0, 0, 0, 1])
     said = {word for key in leaf.path[-1:] for word in words(key)}
-    if bare and _is_lens(lens) and not said & P_WORDS and not _starts(said, "proj"):
+    if bare and _is_lens(lens) and not spelled(said, "projection"):
         return Leaf(leaf.path, lens)
     return leaf
 
@@ -357,31 +282,18 @@ def _leads_from_camera(said: tuple[str, ...]) -> bool:
     """Tell whether a transform's key says from the camera's axes to those of a body or the world:
     ``T_body_cam``, ``cam_to_world``, ``T_BS``.
     """
-    if set(said) & OUT_OF_CAMERA:
+    if spelled(said, "transform from a camera"):
         return True
     axes = [
-        "common" if word in COMMON else "camera"
+        "common" if spelled([word], "body") else "camera"
         for word in said
-        if word in COMMON or word[:3] == "cam" or word == "c"
+        if spelled([word], "body") or word[:3] == "cam" or word == "c"
     ]
     return axes == (["camera", "common"] if "to" in said else ["common", "camera"])
 
 
-def _is_of_distortion(said: set[str]) -> bool:
-    return bool(said & D_WORDS) or _starts(said, "dist")
-
-
-def _is_of_camera(said: set[str]) -> bool:
-    """Tell whether words name a part that each camera has."""
-    return _is_of_distortion(said) or bool(said & (K_WORDS | P_WORDS | SIZE_WORDS))
-
-
 def _is_unit(numbers: Numbers) -> bool:
     return abs(float(np.linalg.norm(np.clip(numbers, -2, 2))) - 1) < ORTHONORMAL
-
-
-def _starts(said: set[str], stem: str) -> bool:
-    return any(word.startswith(stem) for word in said)
 
 
 def _is_lens(numbers: Numbers) -> bool:

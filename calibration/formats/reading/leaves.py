@@ -15,6 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.aliases import (
+    NUMBERS,
+    PAIRS,
+    SHORT_PAIRS,
+    SIDES,
+    TWO_SIDES,
+    spelled,
+)
 from calibration.geometry import rotation_of_quaternion
 
 Numbers = NDArray[np.float64]
@@ -22,44 +30,11 @@ MAX_NUMBERS = 16
 """A transform (4, 4) is the largest that a rig is made of."""
 LEAST_FOCAL_PX = 10.0
 """A focal length of less is in millimeters, or no focal length."""
-CANONICAL = {
-    spelling: name
-    for name, spellings in {
-        "fx": "fx focalx focallengthx f focal focallength focallengthpx",
-        "fy": "fy focaly focallengthy",
-        "cx": "cx u0 ppx centerx principalpointx principalptx",
-        "cy": "cy v0 ppy centery principalpointy principalpty",
-        "skew": "skew",
-    }.items()
-    for spelling in spellings.split()
-}
-PAIRS = {
-    "focal": ("fx", "fy"),
-    "principal": ("cx", "cy"),
-    "center": ("cx", "cy"),
-    "tangential": ("p1", "p2"),
-}
-"""Words of two numbers: ``focal_length: [fx, fy]``."""
-SHORT_PAIRS = {"f": "focal", "fc": "focal", "pp": "principal", "c": "principal", "cc": "principal"}
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 _COEFFICIENT = re.compile("(radial|tangential)_distortion_([1-6])")
 """As OpenICC writes coefficients of distortion."""
 SIZES = (("width", "height"), ("cols", "rows"), ("columns", "rows"))
 FISHEYE, PINHOLE = ("k1", "k2", "k3", "k4"), ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-SIDES = {
-    **dict.fromkeys(
-        ("left", "l", "lft", "port", "master", "primary", "links", "gauche", "izquierda",
-         "sinistra", "esquerda"), "left"),
-    **dict.fromkeys(
-        ("right", "r", "rgt", "starboard", "stbd", "slave", "secondary", "rechts", "droite",
-         "derecha", "destra", "direita"), "right"),
-    "0": "0", "1": "1", "2": "2", "00": "0", "01": "1", "02": "2",
-}  # fmt: skip
-"""Word -> side of the rig, or the number of a camera."""
-TWO_SIDES = {"lr": ("l", "r"), "rl": ("r", "l")}
-"""Words of both sides: ``T_rl`` is ``T_right_left``."""
-NAMING = {"name", "id", "label", "side", "position", "location", "role", "which", "camera"}
-"""Words of keys under which a camera's mapping says which one it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +81,7 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
     names = (
         str(value)
         for key, value in content.items()
-        if isinstance(value, (str, int)) and NAMING & {*words(str(key))}
+        if isinstance(value, (str, int)) and spelled(words(str(key)), "name of a camera")
     )
     if name := next((name for name in names if side_marks(words(name))), ""):
         path = (*path, name)
@@ -220,7 +195,7 @@ def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Le
         name = name.replace("r", "k").replace("t", "p") if one else name
         own = groups.setdefault((*path, *side), {})
         if numbers.size == 1:
-            own[CANONICAL.get(name.replace("_", ""), name)] = float(numbers[0])
+            own[NUMBERS.get(name.replace("_", ""), name)] = float(numbers[0])
         elif "radial" in name:
             own.update(zip(RADIAL, numbers.tolist(), strict=False))
         elif numbers.size == 2 and (
@@ -243,9 +218,7 @@ def _side_and_name(key: str) -> tuple[tuple[str, ...], str]:
     rest = [part for part in parts if part not in side]
     name = "".join(rest)
     if name[-1:] in ("0", "1", "2") and (
-        (name not in CANONICAL and name[:-1] in CANONICAL)
-        or "radial" in name
-        or "tangential" in name
+        (name not in NUMBERS and name[:-1] in NUMBERS) or "radial" in name or "tangential" in name
     ):
         return (name[-1],), name[:-1]  # fx1
     return side, "_".join(rest)

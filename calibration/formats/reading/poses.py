@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.reading.aliases import METERS, spelled
 from calibration.formats.reading.finder import Parts, Role, Side, as_transform, is_rotation
 from calibration.formats.reading.leaves import Leaf, texts, words
 from calibration.formats.reading.section import Section
-from calibration.formats.reading.units import METERS, to_meters
+from calibration.formats.reading.units import to_meters
 from calibration.formats.ros import transform_of_projections
 from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import MAX_BASELINE_M
@@ -28,8 +29,6 @@ OTHER_BASELINE = 0.01
 """Relative difference of baselines from which two transforms in one file are of two
 calibrations.
 """
-OF_RIG = {"stereo", "pair", "rig", "relative", "extrinsic", "extrinsics"}
-"""Words of a transform between the two cameras."""
 FULL_TURN = 2 * np.pi + 0.01
 ROUNDED = 1e-6
 """Error of R R^T = I from which a rotation has been rounded when it was written."""
@@ -120,7 +119,7 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
 def _is_between(leaf: Leaf, side: Side) -> bool:
     """Tell whether a transform's keys name what it is between, or there is but one key."""
     said = {word for key in leaf.path for word in words(key)}
-    return side != "" or len(leaf.path) == 1 or bool(said & OF_RIG)
+    return side != "" or len(leaf.path) == 1 or bool(spelled(said, "both cameras"))
 
 
 def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:

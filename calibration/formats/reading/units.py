@@ -5,14 +5,9 @@ doubt becomes a warning.
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.formats.reading.aliases import METERS
 from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M
 
-METERS = {
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metres": 1.0,
-    "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3, "millimetres": 1e-3,
-    "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "centimetres": 1e-2,
-    "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "foot": 0.3048, "feet": 0.3048,
-}  # fmt: skip
 GUESSES = (
     ("meters", 1.0, 0.0),
     ("millimeters", 1e-3, 0.02),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
-from calibration.rig import RigErrors
+from calibration.rig_errors import RigErrors
 from stereo_seecolor.extras.synthetic.waters import WaterName
 from stereo_seecolor.records import Trajectory
 

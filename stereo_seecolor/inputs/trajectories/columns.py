@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from calibration.formats.reading.units import METERS
+from calibration.formats.reading.aliases import METERS
 
 _WORDS = {
     "time": "time timestamp stamp utc epoch datetime zeit zeitstempel uhrzeit heure horodatage "

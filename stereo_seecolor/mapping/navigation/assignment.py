@@ -18,9 +18,9 @@ from stereo_seecolor.geometry import (
     interpolate,
 )
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kept_frames import Unplaced
 from stereo_seecolor.mapping.survey import Placement
-from stereo_seecolor.mapping.track.components import break_up, drop_spikes
+from stereo_seecolor.mapping.survey_frames import Unplaced
+from stereo_seecolor.mapping.track.jumps import break_up, drop_spikes
 from stereo_seecolor.records import Trajectory
 
 END_TOLERANCE_S = 0.01

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
-from stereo_seecolor.mapping.navigation.constant_turn import Turn, constant_turn, mount_with
 from stereo_seecolor.mapping.navigation.deviations import deviations
 from stereo_seecolor.mapping.navigation.interpretations import (
     INVERTED,
@@ -18,11 +17,11 @@ from stereo_seecolor.mapping.navigation.interpretations import (
     interpretations,
     is_rather_inverted,
 )
-from stereo_seecolor.mapping.navigation.lever_arm import lever_arm
 from stereo_seecolor.mapping.navigation.motions import Motions, by_frame, depth_difference_m, misfit
+from stereo_seecolor.mapping.navigation.mount import Turn, constant_turn, lever_arm, mount_with
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track.loops import Prior
+from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.robust_statistics import deviation_about_zero

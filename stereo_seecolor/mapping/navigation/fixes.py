@@ -16,9 +16,9 @@ from stereo_seecolor.geometry import (
     rotation_from_vector,
 )
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kept_frames import Unplaced
 from stereo_seecolor.mapping.navigation.assignment import assign, clock_difference
 from stereo_seecolor.mapping.survey import Placement
+from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 

@@ -11,11 +11,11 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, quaternion
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign
-from stereo_seecolor.mapping.navigation.constant_turn import Turn
 from stereo_seecolor.mapping.navigation.motions import (
     misfit,
     misfits,
 )
+from stereo_seecolor.mapping.navigation.mount import Turn
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
 

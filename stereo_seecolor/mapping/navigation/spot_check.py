@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, transformed
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
 from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.loops import Pairs, by_overlap
 from stereo_seecolor.mapping.track.relative_pose import Edge

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic_blend import blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
-from stereo_seecolor.mapping.survey import Component
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 
 Float = NDArray[np.float32]
 Array = NDArray[np.float64]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tiles import Tiling
-from stereo_seecolor.mapping.survey import Component
 from stereo_seecolor.mapping.voxel_size import rounded
 
 

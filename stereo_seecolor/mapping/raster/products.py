@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.threads import Threads, cores, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.georeference import Georeference
@@ -22,7 +23,6 @@ from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import ReefMetrics, measure_squares, site_of
 from stereo_seecolor.mapping.raster.terrain import known_area_m2, render_terrain
 from stereo_seecolor.mapping.surface.surface import Surface
-from stereo_seecolor.mapping.survey import Component
 
 PREVIEW_PX = 3000
 """Longer side of orthomosaic_preview.png: opens anywhere."""

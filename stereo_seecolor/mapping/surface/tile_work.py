@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import Threads
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.mapping.surface.own_engine import PlacedFrame
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 
 
 @dataclass(frozen=True, eq=False)

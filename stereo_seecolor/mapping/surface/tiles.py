@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.surface.kernels import BITS, BLOCK, OFFSET, packed
-from stereo_seecolor.mapping.survey import Component
 
 TRUNCATION_VOXELS = 4
 """Truncation distance of the signed distances, voxels: two standard errors of a range that counts

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MarkersConfig
 from stereo_seecolor.mapping.control_points import FEWEST
-from stereo_seecolor.mapping.kept_frames import Frames
 from stereo_seecolor.mapping.marker_detection import MarkerDetector
 from stereo_seecolor.mapping.marker_placing import PlacedSighting, place
 from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
@@ -30,9 +29,10 @@ from stereo_seecolor.mapping.placed_markers import (
     size_check,
 )
 from stereo_seecolor.mapping.survey import Survey
-from stereo_seecolor.mapping.track.bundle_problem import Known, KnownLength, KnownPlace
-from stereo_seecolor.mapping.track.frame_blocks import TrackObservations
-from stereo_seecolor.mapping.track.relative_pose import Observed
+from stereo_seecolor.mapping.survey_frames import Frames
+from stereo_seecolor.mapping.track.image_space import Observed
+from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
+from stereo_seecolor.mapping.track.shared_points import TrackObservations
 from stereo_seecolor.records import GeoOrigin, SurveyFrame
 
 Array = NDArray[np.float64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.image_space import Moved, Observed, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
-from stereo_seecolor.mapping.track.relative_pose import Moved, Observed, move
 
 Array = NDArray[np.float64]
 MODELS = (10, 4)

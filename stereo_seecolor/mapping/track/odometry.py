@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transformed
-from stereo_seecolor.mapping.kept_frames import Unplaced
 from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.mapping.track import loops as loop_closure
-from stereo_seecolor.mapping.track import loops as pose_graph
+from stereo_seecolor.mapping.track import pose_graph
 from stereo_seecolor.mapping.track.components import agreeing, chain
-from stereo_seecolor.mapping.track.features import Features, FeatureStore
+from stereo_seecolor.mapping.track.feature_store import FeatureStore
+from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_errors import find_image_errors
-from stereo_seecolor.mapping.track.loops import by_appearance
+from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge, ExpectedPose, RelativePose
 from stereo_seecolor.mapping.track.track_work import (
     CorrectedFeatures,

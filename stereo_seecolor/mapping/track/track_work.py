@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.sequences import Lazy
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
-from stereo_seecolor.mapping.track.features import Features, FeatureStore, detect
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
+from stereo_seecolor.mapping.track.feature_store import FeatureStore
+from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.image_errors import FramePair, ImageErrors
+from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.relative_pose import (
     ExpectedPose,
-    Observed,
     RelativePose,
     fit_pose,
     relative_pose,

@@ -18,11 +18,11 @@ from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.site_surface import Site
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kept_frames import ReadableFrames
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import loops, odometry
-from stereo_seecolor.mapping.track.bundle_adjustment import refined
-from stereo_seecolor.mapping.track.loops import Prior
+from stereo_seecolor.mapping.survey_frames import ReadableFrames
+from stereo_seecolor.mapping.track import loops, odometry, pose_graph
+from stereo_seecolor.mapping.track.placement_refinement import refined
+from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -89,7 +89,7 @@ def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) 
         Prior(i, T[i], np.full(3, position), attitude)
         for i, (position, attitude) in enumerate(stds)
     ]
-    T_solved, false = loops.solve(T, range(len(T)), track.edges, priors)
+    T_solved, false = pose_graph.solve(T, range(len(T)), track.edges, priors)
     track.edges = [edge for edge in track.edges if edge not in false]
     across = sum(edge.i < count <= edge.j for edge in track.edges)
     if across < SETTINGS.fewest:

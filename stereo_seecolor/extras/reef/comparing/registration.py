@@ -15,7 +15,8 @@ from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.track.features import keypoints, local_contrast, match_descriptors
+from stereo_seecolor.mapping.track.local_contrast import local_contrast
+from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 

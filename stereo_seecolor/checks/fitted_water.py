@@ -1,66 +1,14 @@
-"""Light and water of a dive against what they can be: exposure of frames, and by the fitted water
-channels exchanged and ranges that are not in meters.
+"""What the water fitted to a dive says of its inputs: channels exchanged, and ranges that are not
+in meters. Water sets bounds that no unit changes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.display import FULL_AT
-from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
-from stereo_seecolor.records import Image, Map, Water
+from stereo_seecolor.records import Water
 from stereo_seecolor.water.limits import LITTLE_RELIEF
-
-# Frames too badly exposed for their colors: almost black, or clipped by the camera.
-
-
-@dataclass(frozen=True)
-class ExposureLimits:
-    """Limits of brightness beyond which a frame gets a warning."""
-
-    dark: float = 0.005
-    """Linear light of the brightest channel (16 of 255 in sRGB): noise is a tenth of it."""
-    dark_fraction: float = 0.9
-    """Fraction of pixels of known range that are darker: open water around a lit object is less."""
-    clipped_fraction: float = 0.1
-    """Fraction of these pixels that are clipped: highlights and white cards fill less."""
-    step_px: int = 4
-    """Only every fourth row and column is examined."""
-
-
-LIMITS = ExposureLimits()
-
-
-def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
-    """A warning for each fault of a frame's exposure, judged where its range is known; empty for a
-    good exposure.
-
-    image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
-    """
-    small = image[:: LIMITS.step_px, :: LIMITS.step_px]
-    brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[
-        np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])
-    ]
-    if not brightest.size:
-        return ()
-    light = decoded_values(8 * image.dtype.itemsize, encoding)
-    if np.quantile(light[brightest], LIMITS.dark_fraction) < LIMITS.dark:
-        return ("the frame is almost black: its colors are mostly noise",)
-    clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
-    if clipped > LIMITS.clipped_fraction:
-        return (
-            (
-                f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color "
-                "not recoverable"
-            ),
-        )
-    return ()
-
-
-# Detects images with red and blue exchanged, by the water that was fitted to them.
 
 REDDER = 1.1
 """Red over green of the backscatter. Of three real dives, by day and by strobe: at most 0.92;
@@ -88,9 +36,6 @@ def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
         "input.channels=bgr",
     )
 
-
-# Detects ranges that are not in meters, by the water that was fitted to images and ranges: water
-# sets bounds that no unit changes.
 
 LEAST_RED = 0.115
 """1/m. What the clearest ocean takes from a camera's red: 0.11 at 25 m of depth and 7 m of range,

@@ -1,0 +1,62 @@
+"""Calibration files that can be read in more than one way: images of the dive decide."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.checks import rows_off_px
+from calibration.errors import CalibrationError
+from calibration.field_checks.matches import (
+    QUICK,
+    Images,
+    Matches,
+    raw_matches,
+    rectified_matches,
+)
+from calibration.rig import StereoRig
+
+CLEARLY_BETTER = 1.2
+"""Readings whose vertical disparities are nearer than this to each other fit alike: the first,
+which is the likeliest, is taken.
+On synthetic pairs a wrong reading is worse by a factor of two and more, or not told by them at all.
+"""
+
+
+def resolve_convention(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
+    """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how it
+    was chosen.
+
+    The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough
+    points in both images.
+    """
+    if not rig.alternatives:
+        return rig
+    images = list(pairs)
+    try:
+        return settle_matches(rig, raw_matches(rig, images, QUICK))
+    except CalibrationError:  # too few points, which are not all that there are
+        return settle_matches(rig, raw_matches(rig, images))
+
+
+def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
+    """Choose a reading as resolve_convention does, from matches in raw pixels of each pair."""
+    if not rig.alternatives:
+        return rig
+    readings, errors_px = (rig, *rig.alternatives), []
+    failure = CalibrationError("no reading of the calibration fits the images")
+    for reading in readings:
+        try:
+            errors_px.append(rows_off_px(reading, rectified_matches(reading, raw)))
+        except CalibrationError as error:
+            errors_px.append(np.inf)
+            failure = error
+    if not np.isfinite(min(errors_px)):
+        raise failure
+    best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
+    others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
+    doubt = (
+        f"{readings[best].reading}: this reading fits the images: rows agree to "
+        f"{errors_px[best]:.1f} px, otherwise to {others} px"
+    )
+    return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))

@@ -1,0 +1,331 @@
+"""The table of what may be wrong between a calibration and the images of a dive: causes with an
+amount, causes that may be large, and mistakes.
+
+``causes`` tests the first against each other on rows and motion, ``large_causes`` tries factors of
+the second, and ``mistakes`` tests the third on points of the raw images. The length of the baseline
+is not in it: no image shows it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.geometry import inverse_transform, rigid
+from calibration.port import FLAT_PORT
+from calibration.rectification import plan_rectification
+from calibration.rig import Camera, StereoRig
+
+Array = NDArray[np.float64]
+Flip = tuple[bool, bool]
+"""Which axes of a side's images run the other way, x and y."""
+
+
+@dataclass(frozen=True)
+class Amount:
+    """How much of a cause there may be. unit: of the text, 1 = as it is. step: small enough to be
+    linear. most: larger ones are not plausible.
+    """
+
+    unit: float
+    step: float
+    most: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause whose effect is tested in proportion to its amount. text: with the amount and its
+    standard error.
+
+    make: the rig that took the images, if an amount of it has happened to the calibrated one; None
+    for shutters, which no rig has.
+    """
+
+    text: str
+    amount: Amount
+    cure: str
+    make: Callable[[StereoRig, float], StereoRig] | None
+
+
+@dataclass(frozen=True, eq=False)
+class LargeCause:
+    """A cause of any size. text: with the factor, and what it and a movement leave of the rows.
+
+    factors: that are tried. rays: (n, 3) of a camera's raw pixels (n, 2), if a factor is true.
+    """
+
+    text: str
+    cure: str
+    factors: Array
+    rays: Callable[[Camera, Array, float], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """What was done with a calibration or with images. make: the calibration without it; raises
+    CalibrationError where it is none. left, right: flips of the images.
+    """
+
+    what: str
+    fix: str
+    make: Callable[[StereoRig], StereoRig]
+    left: Flip = (False, False)
+    right: Flip = (False, False)
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Tell whether images are mirrored along one axis."""
+        return any(sum(flip) == 1 for flip in (self.left, self.right))
+
+
+RADIANS, PIXELS, RELATIVE = Amount(57.3, 1e-3, 0.1), Amount(1, 1.0, 500.0), Amount(100, 1e-3, 0.3)
+MOVED = "a camera has moved since; calibrate again"
+OTHER = "give images of the calibrated mode, or calibrate again, and compare a known length"
+ALONG, ACROSS, AXIS = range(3)
+"""Directions in the image plane, of the baseline and across it; and that of the view."""
+
+
+def _direction(rig: StereoRig, direction: int) -> int:
+    """The camera's axis of that direction: the baseline may lie along x or y."""
+    turned = direction != AXIS and plan_rectification(rig).pair.quarter_turns % 2
+    return 1 - direction if turned else direction
+
+
+def _turned(about: int) -> Callable[[StereoRig, float], StereoRig]:
+    def make(rig: StereoRig, angle_rad: float) -> StereoRig:
+        R = cv2.Rodrigues(angle_rad * np.eye(3)[_direction(rig, about)])[0]
+        return replace(rig, T_right_left=rigid(R, np.zeros(3)) @ rig.T_right_left)
+
+    return make
+
+
+def _moved_center(along: int) -> Callable[[StereoRig, float], StereoRig]:
+    def make(rig: StereoRig, shift_px: float) -> StereoRig:
+        K = rig.right.K.copy()
+        K[_direction(rig, along), 2] += shift_px
+        return replace(rig, right=replace(rig.right, K=K))
+
+    return make
+
+
+def _with_focal(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
+    def longer(camera: Camera, larger: float) -> Camera:
+        K = camera.K.copy()
+        K[[0, 1], [0, 1]] *= 1 + larger
+        return replace(camera, K=K)
+
+    def make(rig: StereoRig, larger: float) -> StereoRig:
+        left, right = (
+            longer(getattr(rig, side), larger) if side in sides else getattr(rig, side)
+            for side in ("left", "right")
+        )
+        return replace(rig, left=left, right=right)
+
+    return make
+
+
+def enlarged(rig: StereoRig, factor: float) -> StereoRig:
+    """The rig of images of which the middle was enlarged by a factor, to the size that they had."""
+
+    def of(camera: Camera) -> Camera:
+        K, middle = camera.K.copy(), _middle(camera)
+        K[:2, :2] *= factor
+        K[:2, 2] = middle + factor * (K[:2, 2] - middle)
+        return replace(camera, K=K)
+
+    return replace(rig, left=of(rig.left), right=of(rig.right), alternatives=())
+
+
+def _other_lens(rig: StereoRig, more: float) -> StereoRig:
+    def bent(camera: Camera) -> Camera:
+        size = max(camera.distortion.size, 4 if camera.model == "fisheye" else 5)
+        distortion = np.pad(camera.distortion, (0, size - camera.distortion.size))
+        distortion[0] += more
+        return replace(camera, distortion=distortion)
+
+    return replace(rig, left=bent(rig.left), right=bent(rig.right))
+
+
+CAUSES = (
+    Cause(
+        "a turn of a camera about the baseline (pitch) by {} +- {} degrees",
+        RADIANS,
+        MOVED,
+        _turned(ALONG),
+    ),
+    Cause(
+        "a turn of a camera toward or from the other one (yaw) by {} +- {} degrees",
+        replace(RADIANS, most=0.05),
+        MOVED,
+        _turned(ACROSS),
+    ),
+    Cause("a roll of a camera by {} +- {} degrees", RADIANS, MOVED, _turned(AXIS)),
+    Cause(
+        "images shifted along the baseline by {} +- {} px (cut out, "
+        "stabilized, another mode, a wrong principal point)",
+        PIXELS,
+        OTHER,
+        _moved_center(ALONG),
+    ),
+    Cause(
+        "images shifted across the baseline by {} +- {} px", PIXELS, MOVED, _moved_center(ACROSS)
+    ),
+    *(
+        Cause(f"a focal length of {of} {{}} +- {{}} % longer", RELATIVE, OTHER, _with_focal(*sides))
+        for of, sides in (
+            ("the right side", ("right",)),
+            ("the left side", ("left",)),
+            ("both sides", ("left", "right")),
+        )
+    ),
+    Cause(
+        "images of both sides cut out of the calibrated ones and enlarged by {} +- {} %",
+        RELATIVE,
+        OTHER,
+        lambda rig, larger: enlarged(rig, 1 + larger),
+    ),
+    Cause("lenses that bend otherwise (k1 by {} +- {})", Amount(1, 1e-3, 0.5), OTHER, _other_lens),
+    Cause(
+        "disparities that grow over the rows, by {} +- {} px at the edge, as rolling shutters make "
+        "them that read rows in opposite directions, or not at one moment",
+        replace(PIXELS, most=50.0),
+        "mount and trigger both cameras alike, or move slowly",
+        None,
+    ),
+)
+
+
+def _middle(camera: Camera) -> Array:
+    return (np.array(camera.image_size) - 1) / 2
+
+
+def _enlarged_rays(camera: Camera, pixels: Array, factor: float) -> Array:
+    middle = _middle(camera)
+    return camera.rays(middle + (pixels - middle) / factor)
+
+
+def _bent_rays(camera: Camera, pixels: Array, index: float) -> Array:
+    """A calibration made in air takes a pixel for its ray in air; in the water, behind a flat port
+    square to the optical axis, sin(theta) is 1/n of that (Snell).
+    """
+    in_air = camera.rays(pixels)
+    across = in_air[:, :2] / np.linalg.norm(in_air, axis=1, keepdims=True) / index
+    return np.column_stack([across, np.sqrt(1 - (across**2).sum(axis=1))])
+
+
+ENLARGED = LargeCause(
+    "images cut out of the calibrated ones and enlarged about {factor:.2f} times, to their size, "
+    "explain the rows, {left:.2f} px left instead of {rows:.2f} px: ranges would be {inverse:.2f} "
+    "of the true ones",
+    "give the whole images, or a calibration of this (or of the stabilized) mode",
+    # below, rows tell too little; stabilized video keeps 0.8 to 0.9 of each side, and narrow modes
+    # of action cameras a half
+    np.exp(np.arange(np.log(1.06), np.log(2.5), 0.03)),
+    _enlarged_rays,
+)
+IN_AIR = LargeCause(
+    "light bent by a flat port (index {factor:.2f}) explains the rows, {left:.2f} px left instead "
+    "of {rows:.2f} px: it looks like a calibration made in air",
+    "calibrate in water, or describe the port: --set "
+    f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)",
+    # none to beyond water; found to 0.02 on a real dive
+    np.arange(1.0, 1.4401, 0.02),
+    _bent_rays,
+)
+
+EXCHANGED = "left and right look swapped"
+EXCHANGE = (
+    "exchange --left and --right (of images that show both sides: --set "
+    "input.right_half_first=true), or the cameras in the "
+    "calibration, if it lists the right one first"
+)
+RECTIFIED = "the images are rectified already"
+GIVE_RECTIFIED = (
+    "give the calibration of the rectified images (rectified.yaml, P of ROS, P1 and P2 of OpenCV, "
+    "or one focal length without distortion and rotation), or the raw images"
+)
+WRONG_WAY = "the translation between the cameras points the wrong way, in the calibration"
+REVERSE = "use -T, or -R T if it is the place of the right camera"
+TURNED, MIRRORED, MIRRORED_DOWN = (True, True), (True, False), (False, True)
+_AS_IT_IS = (False, False)
+
+
+def _transformed(change: Callable[[Array, Array], tuple[Array, Array]]) -> Callable[..., StereoRig]:
+    """change: rotation and translation between the cameras -> those without the mistake."""
+
+    def make(rig: StereoRig) -> StereoRig:
+        R, t = change(rig.T_right_left[:3, :3], rig.T_right_left[:3, 3])
+        return replace(rig, T_right_left=rigid(R, t))
+
+    return make
+
+
+def _with_lenses_exchanged(rig: StereoRig) -> StereoRig:
+    return replace(rig, left=rig.right, right=rig.left)
+
+
+def _exchanged(rig: StereoRig) -> StereoRig:
+    T = inverse_transform(rig.T_right_left)
+    return replace(rig, left=rig.right, right=rig.left, T_right_left=T)
+
+
+def rectified_like(rig: StereoRig) -> StereoRig:
+    """A rig of rectified images, of this one's baseline; its focal length and center are not those
+    of the images.
+
+    Raises CalibrationError for a rig without distortion, of which a moved camera comes to the same.
+    """
+    distorted = rig.left.distortion.any() and rig.right.distortion.any()
+    if not distorted or rig.left.image_size != rig.right.image_size:
+        raise CalibrationError("no mistake")
+    camera = Camera(rig.left.K, np.zeros(0), rig.left.image_size)
+    along = np.eye(3)[int(np.abs(rig.T_right_left[:2, 3]).argmax())]
+    shift = np.copysign(rig.baseline_m, rig.T_right_left[:3, 3]) * along
+    return replace(rig, left=camera, right=camera, T_right_left=rigid(np.eye(3), shift))
+
+
+def _images(sides: str, how: str, fix: str, left: Flip, right: Flip) -> Mistake:
+    what = f"the {sides} images are {how} against the calibration"
+    return Mistake(what, fix, lambda rig: rig, left, right)
+
+
+_FLIPS = (
+    (
+        "turned by 180 degrees",
+        "turn them as they were when calibrated (or remove their EXIF orientation, if the "
+        "calibration was made without it)",
+        TURNED,
+    ),
+    ("mirrored, left to right,", "mirror them back", MIRRORED),
+    ("mirrored, top to bottom,", "mirror them back", MIRRORED_DOWN),
+)
+MISTAKES = (
+    Mistake(EXCHANGED, EXCHANGE, _exchanged),
+    Mistake(RECTIFIED, GIVE_RECTIFIED, rectified_like),
+    Mistake(
+        "the transform between the cameras is the inverse one, right to left, in the calibration",
+        "invert it (R transposed, T = -R^T T)",
+        _transformed(lambda R, t: (R.T, -R.T @ t)),
+    ),
+    Mistake(
+        "the rotation between the cameras is transposed, in the calibration",
+        "transpose R, and leave T",
+        _transformed(lambda R, t: (R.T, t)),
+    ),
+    Mistake(WRONG_WAY, REVERSE, _transformed(lambda R, t: (R, -t))),
+    Mistake(WRONG_WAY, REVERSE, _transformed(lambda R, t: (R, -R @ t))),
+    Mistake(
+        "the lenses of left and right are exchanged in the calibration",
+        "exchange K and distortion, and leave R and T",
+        _with_lenses_exchanged,
+    ),
+    *(
+        _images(sides, how, fix, flip if "left" in sides else _AS_IT_IS, right)
+        for how, fix, flip in _FLIPS
+        for sides, right in (("left", _AS_IT_IS), ("right", flip), ("left and right", flip))
+    ),
+)
+"""The most usual first."""

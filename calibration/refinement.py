@@ -1,0 +1,89 @@
+"""The result of refining a rig: what has moved since its calibration, with standard errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.errors import counted
+
+UNSEEN = (
+    "not seen by vertical disparity: the length of the baseline, a focal length wrong in both "
+    "cameras, and images shifted along the baseline (a principal point): measure something of "
+    "known length"
+)
+YAW_WARNING = (
+    "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least "
+    "certain of these figures"
+)
+
+
+@dataclass(frozen=True)
+class Movement:
+    """A parameter that has changed, with its standard error. name: see refine.PARAMETERS; radians,
+    or a relative change for scale.
+    """
+
+    name: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The refinement of a rig with matches of a dive.
+
+    movements: what has moved, with standard errors; none where the calibration was left as it is.
+    before_px, after_px: median absolute vertical disparity before, and after on pairs left out of
+    the fit. pairs, matches: what it rests on.
+    focal_px: focal length of the rectified images.
+    """
+
+    movements: tuple[Movement, ...]
+    before_px: float
+    after_px: float
+    pairs: int
+    matches: int
+    focal_px: float
+
+    @property
+    def better(self) -> bool:
+        """Tell whether something has moved, and rows of pairs left out of the fit agree better for
+        it.
+        """
+        return bool(self.movements) and self.after_px < self.before_px
+
+    @property
+    def summary(self) -> str:
+        """One line: the data that it rests on, and the gain."""
+        return (
+            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
+            f"{self.before_px:.2f} px as calibrated, "
+            f"{self.after_px:.2f} px refined, on pairs left out of the fit (median)"
+        )
+
+    def lines(self) -> list[str]:
+        """The report, line by line."""
+        text_lines = [self.summary]
+        if not self.movements:
+            return [
+                *text_lines,
+                "no change is significant: the calibration is used unchanged",
+                UNSEEN,
+            ]
+        for movement in self.movements:
+            text_lines.append(f"  {self._described(movement)}")
+            if movement.name == "yaw":
+                text_lines.append(f"  {YAW_WARNING.format(movement.value * self.focal_px)}")
+        return [*text_lines, UNSEEN]
+
+    def _described(self, movement: Movement) -> str:
+        if movement.name == "scale":
+            return f"right focal length: {movement.value:+.4%} +- {movement.std:.4%}"
+        value_deg, std_deg = np.degrees([movement.value, movement.std])
+        text = f"{movement.name}: {value_deg:+.4f} +- {std_deg:.4f} degrees"
+        if movement.name == "pitch":
+            text += (
+                f" (a vertical offset of {movement.value * self.focal_px:+.2f} +- "
+                f"{movement.std * self.focal_px:.2f} px)"
+            )
+        return text

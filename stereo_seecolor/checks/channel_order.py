@@ -1,0 +1,124 @@
+"""Left images of which red and blue are exchanged from one on."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import counted
+from stereo_seecolor.checks.sample import DiveImages, edge, evenly_spaced
+from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair
+
+
+@dataclass(frozen=True)
+class OrderSettings:
+    """Constants of the check.
+
+    looked_at: pairs over the dive that are compared, each with the next.
+    quantiles: of each channel of an image; step_px: between the pixels that are counted.
+    dark: fraction of full scale that is added, since the noise of dark pixels is not color.
+    apart, times: by how much the logarithms of two images' red and blue over green must differ at
+    least, and how many times as much as with red and blue exchanged. Of neighbors and of every
+    fifth frame of a real reef, FLSea and the sample dive: at most 0.3 times as given, 3.6 and more
+    exchanged; nearly gray images at most 1.1 times.
+    """
+
+    looked_at: int = 5
+    quantiles: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)
+    step_px: int = 4
+    dark: float = 0.015
+    apart: float = 0.05
+    times: float = 2.0
+
+
+SETTINGS = OrderSettings()
+Colors = NDArray[np.float64]
+"""(3, quantiles) logarithms of the values of R, G, B."""
+
+
+def channel_order(images: DiveImages) -> DiveVerdict:
+    """The left images of which red and blue are exchanged against those before, the first and the
+    last.
+
+    Of a single image other causes are as likely (another camera, light or scene), so that its
+    colors alone are named.
+    """
+    pairs, config = images.pairs, images.config.input
+    looked_at = evenly_spaced(range(len(pairs)), SETTINGS.looked_at)
+    with suppress(InputError):
+        before = _colors(pairs[0], config) if pairs else None
+        for first, last in pairwise(looked_at):
+            after = _colors(pairs[last], config)
+            if before is not None and _are_exchanged(before, after):
+                place = edge(first, last, _differs_from(first, pairs, config))
+                end = _last_exchanged(pairs, place, last, looked_at, config)
+                note = f"input: {_exchanged_text(pairs, place, end)}"
+                return DiveVerdict((note,), COLORS if end > place else frozenset())
+            before = after
+    return NOTHING_FOUND
+
+
+def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
+    name = pairs[first].left.name
+    if first == last:
+        return (
+            f"{name}: its red and blue fit the images before and after only if they are "
+            "exchanged: its channels may be in another order, or it shows another camera, "
+            "light or scene: look at it, and leave it out or bring it to the order of the "
+            "others"
+        )
+    which = (
+        f"{name} and the following images"
+        if last == len(pairs) - 1
+        else f"{name} to {pairs[last].left.name}"
+    )
+    return (
+        f"{which} ({counted(last - first + 1, 'image')}) have red and blue exchanged, compared "
+        f"with {pairs[first - 1].left.name} and before: bring all files to one order, or "
+        "process the parts separately, that one with --set input.channels=bgr"
+    )
+
+
+def _last_exchanged(
+    pairs: Sequence[Pair], place: int, seen: int, looked_at: Sequence[int], config: InputConfig
+) -> int:
+    """The last image in a row that is exchanged as the one at ``place`` is. seen: one that is known
+    to be; looked_at: the places that are compared with it.
+    """
+    end = len(pairs)
+    for later in (one for one in (*looked_at, len(pairs) - 1) if one > seen):
+        if _are_exchanged(_colors(pairs[seen], config), _colors(pairs[later], config)):
+            end = later
+            break
+        seen = later
+    return edge(seen, end, _differs_from(seen, pairs, config)) - 1
+
+
+def _differs_from(place: int, pairs: Sequence[Pair], config: InputConfig) -> Callable[[int], bool]:
+    """Whether the image at another place is exchanged against the one here."""
+    here = _colors(pairs[place], config)
+    return lambda other: _are_exchanged(here, _colors(pairs[other], config))
+
+
+def _colors(pair: Pair, config: InputConfig) -> Colors:
+    image = read_image(pair.left, config)[:: SETTINGS.step_px, :: SETTINGS.step_px]
+    values = np.quantile(image.reshape(-1, 3), SETTINGS.quantiles, axis=0).T
+    return np.log(values / np.iinfo(image.dtype).max + SETTINGS.dark)
+
+
+def _are_exchanged(one: Colors, other: Colors) -> bool:
+    given, exchanged = _apart(one, other), _apart(one, other[::-1])
+    return given > max(SETTINGS.apart, SETTINGS.times * exchanged)
+
+
+def _apart(one: Colors, other: Colors) -> float:
+    """How much red and blue over green differ between two images."""
+    off = one - other
+    return float(np.abs(off[[0, 2]] - off[1]).mean())

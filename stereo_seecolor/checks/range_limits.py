@@ -1,0 +1,88 @@
+"""The limits of range in the settings against features of a dive: reefs lie within 20 m, streets
+and cliffs do not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MatchingConfig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RangeConstants:
+    """Constants of the check.
+
+    lost: fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01
+    are, by mismatches.
+    ends: percentiles of range taken for the nearest and the farthest point, which leave out
+    mismatches.
+    margin: factor between these and the proposed limits.
+    """
+
+    lost: float = 0.05
+    ends: tuple[float, float] = (1.0, 95.0)
+    margin: float = 1.3
+
+
+CONSTANTS = RangeConstants()
+
+
+@dataclass(frozen=True)
+class RangeLimits:
+    """A limit of range that cuts off features of a dive. key: its setting in ``matching``. now_m:
+    its value. fits_m: one that fits.
+
+    lost: fraction of the features outside it.
+    """
+
+    key: str
+    now_m: float
+    fits_m: float
+    lost: float
+
+    @property
+    def option(self) -> str:
+        """The proposed setting, as --set takes it."""
+        return f"matching.{self.key}={self.fits_m:g}"
+
+    @property
+    def note(self) -> str:
+        """A line on what is lost, and what to do."""
+        side = "beyond" if self.fits_m > self.now_m else "nearer than"
+        limit = f"matching.{self.key} ({self.now_m:g} m)"
+        return (
+            f"{self.lost:.0%} of the features lie {side} {limit} and get no range: --set "
+            f"{self.option}"
+        )
+
+
+def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, ...]:
+    """The limits that too many features lie outside of. range_m: (n,) ranges of features,
+    meters.
+    """
+    if range_m.size == 0:
+        return ()
+    near_m, far_m = np.percentile(range_m, CONSTANTS.ends)
+    near = RangeLimits(
+        "min_range_m",
+        config.min_range_m,
+        _rounded(near_m / CONSTANTS.margin, np.floor),
+        float((range_m < config.min_range_m).mean()),
+    )
+    far = RangeLimits(
+        "max_range_m",
+        config.max_range_m,
+        _rounded(far_m * CONSTANTS.margin, np.ceil),
+        float((range_m > config.max_range_m).mean()),
+    )
+    return tuple(limit for limit in (near, far) if limit.lost > CONSTANTS.lost)
+
+
+def _rounded(value_m: float, towards: np.ufunc) -> float:
+    """A length rounded to one digit, down or up: ``towards`` is np.floor or np.ceil."""
+    unit_m = 10 ** np.floor(np.log10(value_m))
+    return float(f"{towards(value_m / unit_m) * unit_m:.1g}")

@@ -1,0 +1,83 @@
+"""Features of a survey's frames on disk: memory stays bounded, workers share them, and a track that
+was stopped continues.
+"""
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.raw_arrays import load_arrays
+from stereo_seecolor.mapping.kept_frames import kept_folder
+from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.track.features import FEATURE_SETTINGS, Features
+from stereo_seecolor.version import __version__
+
+HELD = 64
+"""Frames whose features a process holds, some 0.4 MB each: neighbors are asked for again and
+again.
+"""
+
+
+class FeatureStore(Lazy[Features]):
+    """A folder with one file a frame, asked for by the frame's position on the track. names: of the
+    files, by position.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str]) -> None:
+        self._folder, self._names = folder, names
+
+    @classmethod
+    def of(cls, survey: Survey) -> "FeatureStore":
+        """Open the store of a survey's frames; features that an earlier run found in the same
+        frames are kept.
+        """
+        index = survey.index
+        if survey.scratch is None:
+            return _Temporary([f"{number}.npz" for number in index.order.tolist()])
+        names = [f"{number}_{index.checksums[number]:08x}.npz" for number in index.order.tolist()]
+        key = content_key(__version__, FEATURE_SETTINGS, survey.geometry)
+        return cls(kept_folder(survey.scratch / "features", key), names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def item(self, number: int) -> Features:
+        """Read the features of the frame at a position. Raises FileNotFoundError where they were
+        not found yet.
+        """
+        return _loaded(self._path(number))
+
+    def has(self, number: int) -> bool:
+        """Tell whether the features of a frame are stored."""
+        return self._path(number).is_file()
+
+    def save(self, number: int, features: Features) -> None:
+        """Write the features of a frame. Raises OutputError."""
+        with atomic_path(self._path(number)) as path, path.open("wb") as file:
+            np.savez(
+                file, points=features.points, std=features.std, descriptors=features.descriptors
+            )
+
+    def _path(self, number: int) -> Path:
+        return self._folder / self._names[number]
+
+
+class _Temporary(FeatureStore):
+    """In a folder that goes with this object."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(Path(tempfile.mkdtemp(prefix="stereo-seecolor-")), names)
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+
+
+@lru_cache(maxsize=HELD)
+def _loaded(path: Path) -> Features:
+    return Features(**load_arrays(path))
