@@ -16,7 +16,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     unseen_std,
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
-from stereo_seecolor.mapping.raster.noise import OF_DEPARTURE, REACH_CELLS, departure
+from stereo_seecolor.mapping.raster.noise import RELIEF_CELLS, height_stds
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -124,17 +124,17 @@ class Ground:
         return Spot(np.array(point_m), covariance, slope)
 
     def height_std_m(self, x_m: float, y_m: float) -> float:
-        """The standard error of a height: of ranges, and more at rims (mapping/raster/noise.py)."""
+        """The standard error of a height (mapping/raster/noise.py)."""
         column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
-        around = np.full((2 * REACH_CELLS + 1,) * 2, np.nan)
-        top, left = row - REACH_CELLS, column - REACH_CELLS
-        own = self.heights_m[max(top, 0) : max(row + REACH_CELLS + 1, 0)][
-            :, max(left, 0) : max(column + REACH_CELLS + 1, 0)
+        reach = RELIEF_CELLS
+        around = np.full((2 * reach + 1,) * 2, np.nan)
+        top, left = row - reach, column - reach
+        own = self.heights_m[max(top, 0) : max(row + reach + 1, 0)][
+            :, max(left, 0) : max(column + reach + 1, 0)
         ]
         top, left = max(-top, 0), max(-left, 0)
         around[top : top + own.shape[0], left : left + own.shape[1]] = own
-        departs_m = departure(around)[REACH_CELLS, REACH_CELLS]
-        return float(np.hypot(self.std_m, OF_DEPARTURE * departs_m))
+        return float(height_stds(around, self.std_m)[reach, reach])
 
     def along(self, spots: Sequence[Spot]) -> list[Spot] | None:
         """Points of the ground along the lines between spots; None where a spot does not lie on it,

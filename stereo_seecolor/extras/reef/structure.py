@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import (
-    OF_DEPARTURE,
     Smoothing,
     averaged,
     corrected,
-    departure,
+    shape_stds,
 )
 from stereo_seecolor.mapping.raster.reef_metrics import (
     HORN_CELLS,
@@ -244,9 +243,7 @@ def _extreme_stds(
     """(E,) standard errors of the mean height range of the squares of each edge, by what is
     smoothed away at the highest and the lowest place of each (``height_stds``).
     """
-    std_m = averaged(
-        np.where(terrain.known, OF_DEPARTURE * departure(terrain.height_m), np.nan), cells
-    )
+    std_m = averaged(np.where(terrain.known, shape_stds(terrain.height_m), np.nan), cells)
 
     def of_square(window: Window) -> float:
         heights, own_m = coarse.height_m[window].ravel(), std_m[window].ravel()
