@@ -254,9 +254,9 @@ def on_map(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
             spots[0].covariance[2, 2] ** 0.5,
         )
         compared(z, "straight length on the map", straight_length(spots), straight_length(true))
-        line, true_line = ground.along(spots), drawn.along(true)
-        if line and true_line:
-            compared(z, "length along the map", length_along(line), length_along(true_line))
+        length, true_line = ground.length(spots), drawn.along(true)
+        if length and true_line:
+            compared(z, "length along the map", length, length_along(true_line))
     while len(z["flat area on the map"]) < samples:
         row, column = known[rng.integers(len(known))]
         size = int(rng.integers(10, 60))

@@ -188,9 +188,9 @@ def _areas(
             tilted_m2 += sign * tilted.value
             tilted_variance += tilted.std**2
     rows, columns = np.nonzero(inside)
-    steepness = ground.steepness(zip(columns.tolist(), rows.tolist(), strict=True))
+    steepness, stds_m = ground.steepness(np.stack([columns, rows], axis=-1))
     surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
-    relative = ground.steepness_std(steepness, known) if steepness.size else float("nan")
+    relative = ground.steepness_std(steepness, stds_m, known) if steepness.size else float("nan")
     tilted_std = float(np.sqrt(tilted_variance))
     by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else 0.0
     surface_std = surface_m2 * float(np.hypot(relative, by_outline))

@@ -183,10 +183,10 @@ neighbors do not share show in the roughness.
 
 
 def height_stds(heights: Array, range_std_m: float) -> Array:
-    """(H, W) standard errors of heights (H, W), of which unknown ones are NaN; at those, of one that
+    """(H, W) standard errors of heights (H, W), NaN where unknown; there, that of a height which
     follows from its neighbors. range_std_m: of a range in one frame.
     """
-    return np.hypot(OF_RANGES * range_std_m, shape_stds(heights))
+    return np.asarray(np.hypot(OF_RANGES * range_std_m, shape_stds(heights)))
 
 
 def shape_stds(heights: Array) -> Array:
@@ -212,7 +212,7 @@ def shape_stds(heights: Array) -> Array:
     seen = np.pad(known, 1).astype(np.uint8)
     off_cells = cv2.distanceTransform(seen, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     beside = np.where(off_cells <= RELIEF_CELLS, np.exp(-off_cells / HOLE_CELLS), 0.0)
-    return np.hypot(OF_ROUGHNESS * rough_m, OF_RELIEF * relief_m * beside)
+    return np.asarray(np.hypot(OF_ROUGHNESS * rough_m, OF_RELIEF * relief_m * beside))
 
 
 def _mean_around(values: Array, known: NDArray[np.bool_], reach: int) -> Array:
@@ -228,6 +228,19 @@ def _mean_around(values: Array, known: NDArray[np.bool_], reach: int) -> Array:
 def departure(heights: Array, reach: int) -> Array:
     """(H, W) root mean square of what the known heights within ``reach`` cells depart from a plane,
     0 where there are none.
+    """
+    A, b, squares = plane_sums(heights, reach)
+    count = np.maximum(A[..., 0, 0], 1)
+    flat = np.linalg.det(A) < 0.5  # whole numbers, 0: the cells span no plane and have their mean
+    A[flat], b[flat, 1:] = count[flat, None, None] * np.eye(3), 0
+    off = squares - (np.linalg.solve(A, b[..., None])[..., 0] * b).sum(axis=-1)
+    return np.asarray(np.sqrt(np.maximum(off, 0) / count))
+
+
+def plane_sums(heights: Array, reach: int) -> tuple[Array, Array, Array]:
+    """The least-squares plane (height at the middle, rise to the right and downward in cells) of
+    the known heights within ``reach`` cells of each: normal matrix (H, W, 3, 3), right side
+    (H, W, 3) and sum of squares (H, W), of heights less their median.
     """
     known = np.isfinite(heights)
     level = float(np.median(heights[known])) if known.any() else 0.0
@@ -252,10 +265,7 @@ def departure(heights: Array, reach: int) -> Array:
         axis=-2,
     )
     b = np.stack([total(z, x, y) for x, y in powers_of], axis=-1)
-    plane = np.linalg.solve(A + 1e-9 * np.eye(3), b[..., None])[..., 0]
-    squares = total(z**2, 0, 0) - (plane * b).sum(axis=-1)
-    mean = np.maximum(squares, 0) / np.maximum(A[..., 0, 0], 1)
-    return np.asarray(np.sqrt(mean))
+    return A, b, total(z**2, 0, 0)
 
 
 def smoothed(heights: Array, sigma: float) -> Array:
