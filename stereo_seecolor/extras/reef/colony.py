@@ -16,6 +16,7 @@ from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import (
     CORRECTION_SETTINGS,
+    OF_EXTREMES,
     added_by_noise,
     shape_stds,
     spread_of,
@@ -279,7 +280,9 @@ def _top_std_m(heights: Array, inside: Mask) -> float:
     above = np.where(inside, heights - _plane(heights, _rim(heights, inside)), np.nan)
     if not np.isfinite(above).any():
         return float("nan")
-    return float(shape_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)])
+    return OF_EXTREMES * float(
+        shape_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
+    )
 
 
 def _window(mask: Mask) -> tuple[slice, slice]:

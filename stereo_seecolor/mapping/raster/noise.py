@@ -174,6 +174,10 @@ benchmarks/standard_errors.py finds them on drawn reefs.
 """
 OF_RELIEF, RELIEF_CELLS = 0.2, 16
 """The part of the relief, over so many cells around, by which a height beside a hole may be off."""
+OF_EXTREMES = 0.6
+"""The part of its standard error by which a highest or lowest height is off: where one is smoothed
+away, the next one takes its place.
+"""
 HOLE_CELLS = 6.5
 """Cells from a hole over which that falls to 1 / e."""
 OF_RANGES = 0.2
