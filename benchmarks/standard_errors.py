@@ -228,7 +228,7 @@ def mapped(drawn: Path, out: Path) -> MappedReef:
 
 def heights(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
     """Of random cells, rims and overhangs included."""
-    std_m = height_stds(at.terrain.height_m, at.errors.std_m)
+    std_m = height_stds(at.terrain.height_m, at.height_std_m)
     off = ((at.terrain.height_m - at.true.height_m) / std_m).ravel()
     off = off[np.isfinite(off)]
     return {"height of a cell": list(rng.choice(off, min(50 * samples, off.size), replace=False))}
@@ -254,9 +254,9 @@ def on_map(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
             spots[0].covariance[2, 2] ** 0.5,
         )
         compared(z, "straight length on the map", straight_length(spots), straight_length(true))
-        line, true_line = ground.along(spots), drawn.along(true)
-        if line and true_line:
-            compared(z, "length along the map", length_along(line), length_along(true_line))
+        length, true_line = ground.length(spots), drawn.along(true)
+        if length and true_line:
+            compared(z, "length along the map", length, length_along(true_line))
     while len(z["flat area on the map"]) < samples:
         row, column = known[rng.integers(len(known))]
         size = int(rng.integers(10, 60))

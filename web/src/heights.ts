@@ -8,7 +8,7 @@ import { seecolor } from "./shared";
 
 const TILE_PX = 512;
 const MOST_KEPT = 64;
-const MARGIN_CELLS = 10; // of what errors of heights are found from
+const MARGIN_CELLS = 18; // of what errors of heights are found from
 
 interface Packed {
   height: number;

@@ -4,7 +4,7 @@ import { button, Choice, DoublePress, element } from "./elements";
 import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
-import { lengthAlong, planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
+import { planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
 import type { Kind, Measure } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { crossesItself, type Flat, type Vector } from "./outlines";
@@ -193,8 +193,7 @@ export class MapMeasuring {
   private values(spots: Spot[], kind: Kind): [Measured, Measured | null, number] {
     if (kind === "point") return [{ value: spots[0].point_m[2] + this.dive.offset_m[2], std: Math.sqrt(spots[0].covariance[8]), power: 0 }, null, 1];
     if (kind === "area") return [planarArea(spots), ...(this.ground.area(spots) ?? ([null, 1] as [null, number]))];
-    const line = this.ground.along(spots);
-    return [straightLength(spots), line && lengthAlong(line, (a, b) => this.ground.off(a, b)), 1];
+    return [straightLength(spots), this.ground.length(spots), 1];
   }
 
   private where(point_m: number[]): string {

@@ -1,7 +1,7 @@
 // Points, lengths and areas on the map's terrain, as stereo_seecolor/extras/reef/map_ground.py computes them (a test compares both).
 
 import type { Heights } from "./heights";
-import { mean, planarArea, unseenStd, type Measured, type Placed } from "./measure";
+import { lengthAlong, mean, planarArea, straightLength, unseenStd, type Measured, type Placed } from "./measure";
 import { inside, planeThrough, polygonArea, type Vector } from "./outlines";
 
 const LEAST_CELLS = 2;
@@ -9,10 +9,14 @@ const LAYER_CELLS = 2;
 const LAYER_STDS = 6;
 const STEP_CELLS = 2;
 const STEP_STDS = 6;
-const NOISE = 0.25;
+const [OF_SLOPES, OF_SQUARES] = [0.13, 0.037];
+const SMOOTHED = 0.1;
 const STEEPEST = 0.5;
-const REACH_CELLS = 8;
-const OF_DEPARTURE = 0.5;
+const [ROUGH_CELLS, ROUGH_OVER_CELLS] = [2, 4];
+const OF_ROUGHNESS = 1.3;
+const [OF_RELIEF, RELIEF_CELLS] = [0.2, 16];
+const HOLE_CELLS = 6.5;
+const OF_RANGES = 0.2;
 const LEAST_SPAN = 1e-3; // of the squared mean size of the cells' offsets
 
 /** A point of the map with its covariance; slope: rise to the east and to the north. */
@@ -61,13 +65,16 @@ export class Ground {
     return { point_m, covariance, slope: [east, north] };
   }
 
-  /** The standard error of a height: of ranges, and a part of what the ground around departs from a plane, as at rims. */
+  /** The standard error of a height (mapping/raster/noise.py). */
   private heightStd(x_m: number, y_m: number): number {
-    const [column, row] = this.heights.cell(x_m, y_m);
-    const cells = this.around(Math.floor(column + 0.5), Math.floor(row + 0.5), x_m, y_m, REACH_CELLS);
-    const [height, east, north] = planeThrough(cells, 1, () => 0);
-    const departs = cells.length ? Math.sqrt(mean(cells.map(([x, y, z]) => (z - height - east * x - north * y) ** 2))) : 0;
-    return Math.hypot(this.std_m, OF_DEPARTURE * departs);
+    const [column, row] = this.heights.cell(x_m, y_m).map((each) => Math.floor(each + 0.5));
+    return this.stds(column, row, column, row)(column, row);
+  }
+
+  /** Standard errors of the heights of cells within bounds. */
+  private stds(left: number, top: number, right: number, bottom: number): (column: number, row: number) => number {
+    const shape = new Shape((c, r) => this.heights.at(c, r), left, top, right, bottom);
+    return (column, row) => Math.hypot(OF_RANGES * this.std_m, shape.std(column, row));
   }
 
   /** Points of the ground along the lines between spots; null where a spot does not lie on the ground as it is seen from above. */
@@ -87,8 +94,17 @@ export class Ground {
     return line;
   }
 
+  /** Length along the ground, with a part of what is smoothed away put back; null where ``along`` is. */
+  length(spots: Spot[]): Measured | null {
+    const line = this.along(spots);
+    if (!line) return null;
+    const found = lengthAlong(line, (a, b) => this.off(a, b));
+    const added = SMOOTHED * Math.max(found.value - straightLength(spots).value, 0);
+    return { value: found.value + added, std: Math.hypot(found.std, added / 2), power: 1 };
+  }
+
   /** How far another spot lies off the plane of the ground at one, in height. */
-  off({ point_m: a, slope: [east, north] }: Spot, { point_m: b }: Spot): number {
+  private off({ point_m: a, slope: [east, north] }: Spot, { point_m: b }: Spot): number {
     return Math.abs(b[2] - a[2] - east * (b[0] - a[0]) - north * (b[1] - a[1]));
   }
 
@@ -105,17 +121,22 @@ export class Ground {
     if (!(level_m2 >= STEEPEST * planar.value) || !spots.every((spot) => this.isOnGround(spot))) return null;
     const [xs, ys] = [0, 1].map((axis) => outline.map((place) => place[axis]));
     const steepness: number[] = [];
-    for (let row = Math.ceil(Math.min(...ys)); row <= Math.max(...ys); row++) {
-      for (let column = Math.ceil(Math.min(...xs)); column <= Math.max(...xs); column++) {
-        if (!inside(outline, column, row)) continue;
-        if (!Number.isNaN(this.heights.at(column, row))) steepness.push(this.steepness(column, row));
+    const stds: number[] = [];
+    const [left, top, right, bottom] = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)].map((each, i) => (i < 2 ? Math.ceil(each) : Math.floor(each)));
+    const std = this.stds(left, top, right, bottom);
+    for (let row = top; row <= bottom; row++) {
+      for (let column = left; column <= right; column++) {
+        if (!inside(outline, column, row) || Number.isNaN(this.heights.at(column, row))) continue;
+        steepness.push(this.steepness(column, row));
+        stds.push(std(column, row) / this.cell_m);
       }
     }
     if (!steepness.length) return null;
     const known = Math.min(1, steepness.length / Math.max(polygonArea(outline), 1));
     const value = mean(steepness) * level_m2;
-    const byNoise = Math.sqrt(1 + (NOISE * (this.std_m / this.cell_m) ** 2) / mean(steepness.map((each) => each * each))) - 1;
-    return [{ value, std: value * Math.hypot(planar.std / planar.value, byNoise, unseenStd(steepness, known)), power: 2 }, known];
+    const bySlopes = OF_SLOPES * mean(stds.map((each, i) => each * Math.sqrt(1 - 1 / steepness[i] ** 2)));
+    const byHeights = Math.hypot(bySlopes, OF_SQUARES * mean(stds) ** 2) / mean(steepness);
+    return [{ value, std: value * Math.hypot(planar.std / planar.value, byHeights, unseenStd(steepness, known)), power: 2 }, known];
   }
 
   /** Area over level area of the plane through 3x3 cells, of all layers. */
@@ -124,17 +145,68 @@ export class Ground {
     return Math.hypot(1, east, north);
   }
 
-  /** The known ones of 3x3 cells, or of more: offsets from a place, and heights. */
-  private around(column: number, row: number, x_m: number, y_m: number, reach = 1): Vector[] {
+  /** The known ones of 3x3 cells: offsets from a place, and heights. */
+  private around(column: number, row: number, x_m: number, y_m: number): Vector[] {
     const cells: Vector[] = [];
-    for (let r = row - reach; r <= row + reach; r++) {
-      for (let c = column - reach; c <= column + reach; c++) {
+    for (let r = row - 1; r <= row + 1; r++) {
+      for (let c = column - 1; c <= column + 1; c++) {
         const height = this.heights.at(c, r);
         const [x, y] = this.heights.center(c, r);
         if (!Number.isNaN(height)) cells.push([x - x_m, y - y_m, height]);
       }
     }
     return cells;
+  }
+}
+
+/** The part of the standard errors of heights that the shape of the ground shows, at cells within bounds: by the roughness around, and beside a hole by the relief. */
+class Shape {
+  private readonly columns: number;
+  private readonly z: Float64Array;
+  private readonly departures: Float64Array; // squared, -1 where not yet computed
+
+  constructor(at: (column: number, row: number) => number, private readonly left: number, private readonly top: number, right: number, bottom: number) {
+    this.columns = right - left + 1 + 2 * RELIEF_CELLS;
+    const rows = bottom - top + 1 + 2 * RELIEF_CELLS;
+    this.z = Float64Array.from({ length: this.columns * rows }, (_, i) => at(left - RELIEF_CELLS + (i % this.columns), top - RELIEF_CELLS + Math.floor(i / this.columns)));
+    this.departures = new Float64Array(this.z.length).fill(-1);
+  }
+
+  std(column: number, row: number): number {
+    const middle = (row - this.top + RELIEF_CELLS) * this.columns + column - this.left + RELIEF_CELLS;
+    let [count, squares] = [0, 0];
+    this.around(middle, ROUGH_OVER_CELLS, (i) => {
+      count += 1;
+      squares += this.departure(i);
+    });
+    let [highest, lowest, toHole] = [-Infinity, Infinity, Infinity];
+    this.around(middle, RELIEF_CELLS, (i) => {
+      highest = Math.max(highest, this.z[i]);
+      lowest = Math.min(lowest, this.z[i]);
+    }, (x, y) => (toHole = Math.min(toHole, Math.hypot(x, y))));
+    const beside = toHole <= RELIEF_CELLS ? Math.exp(-toHole / HOLE_CELLS) : 0;
+    return Math.hypot(OF_ROUGHNESS * Math.sqrt(squares / Math.max(count, 1)), OF_RELIEF * Math.max(highest - lowest, 0) * beside);
+  }
+
+  /** Mean square of what the known heights within ROUGH_CELLS depart from a plane. */
+  private departure(middle: number): number {
+    if (this.departures[middle] < 0) {
+      const cells: Vector[] = [];
+      this.around(middle, ROUGH_CELLS, (i, x, y) => cells.push([x, y, this.z[i]]));
+      const [height, right, down] = planeThrough(cells, 1, () => 0.5);
+      this.departures[middle] = mean(cells.map(([x, y, value]) => (value - height - right * x - down * y) ** 2));
+    }
+    return this.departures[middle];
+  }
+
+  private around(middle: number, reach: number, known: (i: number, x: number, y: number) => void, hole?: (x: number, y: number) => void): void {
+    for (let y = -reach; y <= reach; y++) {
+      for (let x = -reach; x <= reach; x++) {
+        const i = middle + y * this.columns + x;
+        if (Number.isNaN(this.z[i])) hole?.(x, y);
+        else known(i, x, y);
+      }
+    }
   }
 }
 

@@ -16,9 +16,9 @@ from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import (
     CORRECTION_SETTINGS,
-    OF_DEPARTURE,
+    OF_EXTREMES,
     added_by_noise,
-    departure,
+    shape_stds,
     spread_of,
 )
 
@@ -189,9 +189,9 @@ def _areas(
             tilted_m2 += sign * tilted.value
             tilted_variance += tilted.std**2
     rows, columns = np.nonzero(inside)
-    steepness = ground.steepness(zip(columns.tolist(), rows.tolist(), strict=True))
+    steepness, stds_m = ground.steepness(np.stack([columns, rows], axis=-1))
     surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
-    relative = ground.steepness_std(steepness, known) if steepness.size else float("nan")
+    relative = ground.steepness_std(steepness, stds_m, known) if steepness.size else float("nan")
     tilted_std = float(np.sqrt(tilted_variance))
     by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else 0.0
     surface_std = surface_m2 * float(np.hypot(relative, by_outline))
@@ -280,8 +280,8 @@ def _top_std_m(heights: Array, inside: Mask) -> float:
     above = np.where(inside, heights - _plane(heights, _rim(heights, inside)), np.nan)
     if not np.isfinite(above).any():
         return float("nan")
-    return float(
-        OF_DEPARTURE * departure(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
+    return OF_EXTREMES * float(
+        shape_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
     )
 
 

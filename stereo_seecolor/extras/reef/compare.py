@@ -109,12 +109,13 @@ def metrics(
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
     run = open_run(out)
+    range_std_m = typical_std_m(run)
     measured = measure_outlines(
         outlines,
         mesh,
         terrain,
         errors,
-        typical_std_m(run) if outlines else 0.0,
+        range_std_m,
         CLICK_PX * site.posed.map.cell_m["mosaic_m"],
         calibration_std(run).total,
     )
@@ -132,7 +133,7 @@ def metrics(
         ),
         cell_m=terrain.grid.cell_m,
         area_m2=seen_m2,
-        height_std_m=_median(height_stds(terrain.height_m, errors.std_m)),
+        height_std_m=_median(height_stds(terrain.height_m, range_std_m)[terrain.known]),
         point_cover=tuple(point_cover(seen)),
         unseen_points=len(labelled) - len(seen),
     )

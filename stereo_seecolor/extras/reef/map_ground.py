@@ -1,6 +1,6 @@
 """Points, lengths and areas on the terrain of a map; web/src/terrain.ts computes the same."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     inside,
+    length_along,
     planar_area,
     polygon_area,
+    straight_length,
     unseen_std,
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
-from stereo_seecolor.mapping.raster.noise import OF_DEPARTURE, REACH_CELLS, departure
+from stereo_seecolor.mapping.raster.noise import RELIEF_CELLS, height_stds, plane_sums
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -32,9 +34,12 @@ class TerrainLimits:
     step_cells: float = 2.0  # along a line: windows that overlap little
     # a step along the ground is longer than its noise, which would lengthen it
     step_stds: float = 6.0
-    # squared slope by errors alone, of planes through 3x3 cells, in squares of a height's error
-    # over a cell
-    noise: float = 0.25
+    # what errors of heights, over a cell, add to those of the steepness of an outline: as a slope
+    # does, which counts by its sine, and squared; as benchmarks/standard_errors.py finds them
+    of_slopes: float = 0.13
+    of_squares: float = 0.037
+    # of what a line along the ground is longer than straight lines, so much is smoothed away
+    smoothed: float = 0.1
     # level area of an outline over its own: beyond 60 degrees a view from above shows too little of
     # it
     steepest: float = 0.5
@@ -124,17 +129,21 @@ class Ground:
         return Spot(np.array(point_m), covariance, slope)
 
     def height_std_m(self, x_m: float, y_m: float) -> float:
-        """The standard error of a height: of ranges, and more at rims (mapping/raster/noise.py)."""
+        """The standard error of a height (mapping/raster/noise.py)."""
         column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
-        around = np.full((2 * REACH_CELLS + 1,) * 2, np.nan)
-        top, left = row - REACH_CELLS, column - REACH_CELLS
-        own = self.heights_m[max(top, 0) : max(row + REACH_CELLS + 1, 0)][
-            :, max(left, 0) : max(column + REACH_CELLS + 1, 0)
-        ]
-        top, left = max(-top, 0), max(-left, 0)
-        around[top : top + own.shape[0], left : left + own.shape[1]] = own
-        departs_m = departure(around)[REACH_CELLS, REACH_CELLS]
-        return float(np.hypot(self.std_m, OF_DEPARTURE * departs_m))
+        around = self._window(column, row, column, row, RELIEF_CELLS)
+        return float(height_stds(around, self.std_m)[RELIEF_CELLS, RELIEF_CELLS])
+
+    def _window(self, left: int, top: int, right: int, bottom: int, margin: int) -> Array:
+        """The heights from one cell to another with a margin around, NaN off the map."""
+        height, width = self.heights_m.shape
+        rows, columns = (
+            np.arange(low - margin, high + margin + 1)
+            for low, high in ((top, bottom), (left, right))
+        )
+        on_map = ((rows >= 0) & (rows < height))[:, None] & (columns >= 0) & (columns < width)
+        inside = np.ix_(np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1))
+        return np.where(on_map, self.heights_m[inside], np.nan).astype(np.float64)
 
     def along(self, spots: Sequence[Spot]) -> list[Spot] | None:
         """Points of the ground along the lines between spots; None where a spot does not lie on it,
@@ -152,6 +161,17 @@ class Ground:
             line += [*(spot for spot in between if spot is not None), b]
         return line
 
+    def length(self, spots: Sequence[Spot]) -> Measured | None:
+        """Length along the ground; None where ``along`` is. What voxels and matching smooth away is
+        put back; half of it is in the standard error.
+        """
+        line = self.along(spots)
+        if line is None:
+            return None
+        found = length_along(line)
+        added_m = TERRAIN.smoothed * max(found.value - straight_length(spots).value, 0.0)
+        return Measured(found.value + added_m, float(np.hypot(found.std, added_m / 2)), 1)
+
     def _is_on(self, spot: Spot) -> bool:
         ground = self.pick(float(spot.point_m[0]), float(spot.point_m[1]), None, 0.0)
         return ground is not None and bool(abs(ground.point_m[2] - spot.point_m[2]) <= self.gap_m)
@@ -161,7 +181,7 @@ class Ground:
         as the rest.
 
         It is the area in plan times the mean steepness of planes through 3x3 cells: of what is as
-        large as three cells. What errors of the heights may add to it is in the standard error.
+        large as three cells.
         ``metrics`` states the same of outlines.
         None where the outline stands too steep to be seen from above, or nothing is known.
         """
@@ -172,20 +192,23 @@ class Ground:
             self._is_on(spot) for spot in spots
         ):
             return None
-        steepness, known = self._inside(outline)
+        steepness, stds_m, known = self._inside(outline)
         if not steepness.size:
             return None
         area_m2 = float(steepness.mean()) * level_m2
-        relative = np.hypot(planar.std / planar.value, self.steepness_std(steepness, known))
+        relative = np.hypot(planar.std / planar.value, self.steepness_std(steepness, stds_m, known))
         return Measured(area_m2, area_m2 * float(relative), 2), known
 
-    def steepness_std(self, steepness: Array, known: float) -> float:
-        """Relative standard error of a mean of ``steepness``, by errors of heights and by what is
-        not known.
+    def steepness_std(self, steepness: Array, stds_m: Array, known: float) -> float:
+        """Relative standard error of the mean of ``steepness``, by the standard errors of the
+        heights and by what is not known.
         """
-        noise = TERRAIN.noise * (self.std_m / self.cell_m) ** 2
-        by_noise = np.sqrt(1 + noise / float((steepness**2).mean())) - 1
-        return float(np.hypot(by_noise, unseen_std(steepness, known)))
+        stds_cells, sine = stds_m / self.cell_m, np.sqrt(1 - 1 / steepness**2)
+        by_heights = np.hypot(
+            TERRAIN.of_slopes * (stds_cells * sine).mean(),
+            TERRAIN.of_squares * stds_cells.mean() ** 2,
+        )
+        return float(np.hypot(by_heights / steepness.mean(), unseen_std(steepness, known)))
 
     def known_area(
         self, places: Sequence[tuple[float, float]], click_m: float
@@ -194,16 +217,16 @@ class Ground:
         for corners off the map.
         """
         outline = np.array([self.cell(*place) for place in places])
-        steepness, known = self._inside(outline)
+        steepness, _, known = self._inside(outline)
         if not steepness.size:
             return None
         area_m2 = float(steepness.mean()) * polygon_area(outline) * self.cell_m**2 * known
         around_m = float(np.hypot(*(outline - np.roll(outline, 1, axis=0)).T).sum()) * self.cell_m
         return Measured(area_m2, click_m * around_m / float(np.sqrt(len(outline))), 2), known
 
-    def _inside(self, outline: Array) -> tuple[Array, float]:
-        """(n,) area over level area of the known cells inside an outline, in cells; and the
-        fraction that is known.
+    def _inside(self, outline: Array) -> tuple[Array, Array, float]:
+        """``steepness`` of the cells inside an outline, in cells; and the fraction that is
+        known.
         """
         size = np.array(self.heights_m.shape[::-1])
         low, high = (
@@ -218,21 +241,29 @@ class Ground:
             for c in range(low[0], high[0] + 1)
             if inside(outline, c, r)
         ]
-        steepness = self.steepness(places)
-        return steepness, min(1.0, len(steepness) / total)
+        steepness, stds_m = self.steepness(np.array(places, np.int64).reshape(-1, 2))
+        return steepness, stds_m, min(1.0, len(steepness) / total)
 
-    def steepness(self, cells: Iterable[tuple[int, int]]) -> Array:
-        """(n,) area over level area at those of the cells (column, row) whose ground is known: of
-        planes through 3x3 cells.
+    def steepness(self, cells: NDArray[np.int64]) -> tuple[Array, Array]:
+        """(n,) area over level area of planes through 3x3 cells, and (n,) standard errors of the
+        heights, at those of the cells (column, row) whose ground is known.
 
         All layers count, so that the sides of a coral do.
         """
-        around = (
-            self._cells(*self.center(*cell))
-            for cell in cells
-            if np.isfinite(self.heights_m[cell[1], cell[0]])
-        )
-        return np.array([np.hypot(1.0, np.hypot(*_plane(each)[1:])) for each in around])
+        if not len(cells):
+            return np.zeros(0), np.zeros(0)
+        (left, top), (right, bottom) = cells.min(axis=0), cells.max(axis=0)
+        window = self._window(left, top, right, bottom, RELIEF_CELLS)
+        columns, rows = (cells - (left, top) + RELIEF_CELLS).T
+        known = np.isfinite(window[rows, columns])
+        rows, columns = rows[known], columns[known]
+        A, b, _ = (each[rows, columns] for each in plane_sums(window, 1))
+        count, size = A[:, 0, 0], A[:, [1, 2], [1, 2]].sum(axis=1) / np.maximum(A[:, 0, 0], 1)
+        level = (count < 4) | ~(np.linalg.det(A) > 1e-3 * count**3 * size**2)
+        A[level], b[level, 1:] = np.eye(3), 0
+        rise_m = np.linalg.solve(A, b[..., None])[:, 1:, 0]
+        stds_m = height_stds(window, self.std_m)[rows, columns]
+        return np.hypot(1.0, np.hypot(*rise_m.T) / self.cell_m), stds_m
 
 
 def _plane(cells: Array) -> tuple[float, float, float]:

@@ -194,8 +194,7 @@ def _on_ground(
 ) -> tuple[Measured | None, float | None]:
     if kind == "area":
         return ground.area(spots) or (None, None)
-    line = ground.along(spots)
-    return (length_along(line) if line else None), None
+    return ground.length(spots), None
 
 
 def _partly_known(

@@ -50,7 +50,7 @@ console.log(JSON.stringify({
   crossed: [given.places, given.crossed].map((each) => crossesItself(each)),
   length: lengthAlong(alongSurface(ranges, given.pair, [given.long[0], given.long[1]].map(at)), offInFrame),
   map: ground.area(spots),
-  map_length: lengthAlong(ground.along(spots.slice(0, 2)), (a, b) => ground.off(a, b)),
+  map_length: ground.length(spots.slice(0, 2)),
 }));
 """  # noqa: E501
 
@@ -145,9 +145,9 @@ def test_lengths_along_the_surface_are_the_same(page: dict) -> None:
         along_surface(surface, [pick for place in LONG if (pick := surface.pick(*place))])
     )
     spots = [spot for corner in CORNERS if (spot := ground.pick(*corner, None, 0.002))]
-    line = ground.along(spots[:2])
-    assert line is not None
-    for name, length in (("length", found), ("map_length", length_along(line))):
+    on_map = ground.length(spots[:2])
+    assert on_map is not None
+    for name, length in (("length", found), ("map_length", on_map)):
         assert page[name] == {
             "value": pytest.approx(length.value, rel=1e-6),
             "std": pytest.approx(length.std, rel=1e-5),

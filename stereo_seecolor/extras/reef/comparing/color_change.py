@@ -14,11 +14,12 @@ from stereo_seecolor.extras.reef.comparing.difference import Difference
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances
 from stereo_seecolor.extras.reef.site_surface import Terrain
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
-from stereo_seecolor.mapping.raster.noise import REACH_CELLS
 from stereo_seecolor.robust_statistics import TUKEY, biweight
 
 Float = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+REACH_CELLS = 8
+"""Matching and voxels blend a rim with what lies within so many cells of it."""
 
 
 NORMAL_80 = 1.281552
