@@ -13,6 +13,7 @@ import numpy as np
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
+from stereo_seecolor.report.map_gaps import fits, gap_tiles, packed_reasons, reasons
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, box, levels, read_mesh
 from stereo_seecolor.report.overview import DiveFacts
@@ -22,16 +23,18 @@ from stereo_seecolor.report.squares import Squares
 from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
+from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "7"
+FORMAT = "8"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.
 """
 FOLDER = f"{PAGE}/map"
+RASTERS = {MOSAIC: 4, TERRAIN: 1, GAPS: 1}
+"""Of the map that the page shows, with their bands."""
 Files = Iterator[tuple[str, bytes]]
 
 
@@ -56,13 +59,12 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict
         folder.dive.remove(FOLDER)
     if made is None:
         return {}
-    bands = {MOSAIC: 4, TERRAIN: 1}
     damaged = {
         name: why
-        for name in (MOSAIC, TERRAIN)
+        for name, bands in RASTERS.items()
         if (made.folder / name).is_file()
         and can_read_rasters()
-        and (why := raster_problem(made.folder / name, bands[name]))
+        and (why := raster_problem(made.folder / name, bands))
     }
     files = _MapFiles.of(facts, made, with_raw, frozenset(damaged))
     # a page without a part is not kept: the next report makes it again, and names what is damaged
@@ -74,7 +76,7 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict
 def _stamps(made: FinishedMap) -> list[str]:
     return [
         Stamp.of(made.folder / name).digest
-        for name in (MESH, MOSAIC, TERRAIN)
+        for name in (MESH, *RASTERS)
         if (made.folder / name).is_file()
     ]
 
@@ -82,7 +84,7 @@ def _stamps(made: FinishedMap) -> list[str]:
 @dataclass(frozen=True, eq=False)
 class _MapFiles:
     """Makes the page's files of a map. terrain, raw: None where it has none. std_m: standard error
-    of a height, NaN if unknown. has_mosaic: whether there is one that can be read.
+    of a height, NaN if unknown. has_mosaic, has_gaps: whether there are such that can be read.
     """
 
     made: FinishedMap
@@ -92,22 +94,20 @@ class _MapFiles:
     raw: RawMosaic | None
     squares: Squares | None
     has_mosaic: bool
+    has_gaps: bool
 
     @classmethod
     def of(
         cls, facts: DiveFacts, made: FinishedMap, with_raw: bool, damaged: frozenset[str]
     ) -> "_MapFiles":
-        there = {
-            name: (made.folder / name).is_file() and name not in damaged
-            for name in (MOSAIC, TERRAIN)
-        }
+        there = {name: (made.folder / name).is_file() and name not in damaged for name in RASTERS}
         terrain = TerrainImages.open(made.folder / TERRAIN) if there[TERRAIN] else None
         raw = (
             RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
         )
-        return cls(
-            made, facts.posed, height_std_m(facts.run), terrain, raw, facts.squares, there[MOSAIC]
-        )
+        std_m = height_std_m(facts.run)
+        has_gaps = bool(there[GAPS] and terrain and fits(made.folder / GAPS, terrain.about))
+        return cls(made, facts.posed, std_m, terrain, raw, facts.squares, there[MOSAIC], has_gaps)
 
     def contents(self, key: str) -> Files:
         """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
@@ -175,9 +175,15 @@ class _MapFiles:
             return
         width, height = terrain.about["width"], terrain.about["height"]
         tiles = []
-        for name, content in height_tiles(width, height, terrain.heights_m):
+        for name, window, content in height_tiles(width, height, terrain.heights_m):
             tiles.append(name)
+            if self.has_gaps:
+                content |= packed_reasons(reasons(self.made.folder / GAPS, window))
             yield f"heights/{name}.js", script("heights", name, content)
+        if self.has_gaps:
+            about["gaps"] = _place_of(terrain.about)
+            tiles_of_gaps = gap_tiles(self.made.folder / GAPS, width, height)
+            yield from ((f"gaps/{name}", content) for name, content in tiles_of_gaps)
         about["terrain"] = {
             **terrain.about,
             "tiles": tiles,
@@ -186,13 +192,14 @@ class _MapFiles:
         yield from ((f"terrain/{name}", content) for name, content in terrain.colored())
         yield from ((f"hillshade/{name}", content) for name, content in terrain.hillshade())
         if self.raw is not None:
-            about["raw"] = {
-                key: terrain.about[key]
-                for key in ("width", "height", "west_m", "north_m", "pixel_m")
-            }
+            about["raw"] = _place_of(terrain.about)
             yield from (
                 (f"raw/{name}", content) for name, content in pyramid(width, height, self.raw.read)
             )
+
+
+def _place_of(about: dict[str, Any]) -> dict[str, Any]:
+    return {key: about[key] for key in ("width", "height", "west_m", "north_m", "pixel_m")}
 
 
 def _name(level: int, place: Place) -> str:

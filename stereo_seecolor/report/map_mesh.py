@@ -29,16 +29,35 @@ class MeshSizes:
     color_step: int = 4  # of 255: noise hides it, and colors take 40 % less
 
 
+RIM_SHADE = 110
+"""Of 255: so much darker is a surface where it ends, over the last cell: seen on sand and on
+corals.
+"""
+
 SIZES = MeshSizes()
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A part of a mesh. points_m: (N, 3) float32. colors: (N, 3) uint8 sRGB. triangles: (T, 3)."""
+    """A part of a mesh. points_m: (N, 3) float32. colors: (N, 3) uint8 sRGB. triangles: (T, 3).
+
+    rim: (N,) whether the mesh as a whole ends at a point.
+    """
 
     points_m: NDArray[np.float32]
     colors: NDArray[np.uint8]
     triangles: NDArray[np.int64]
+    rim: NDArray[np.bool_]
+
+    @classmethod
+    def whole(
+        cls,
+        points_m: NDArray[np.float32],
+        colors: NDArray[np.uint8],
+        triangles: NDArray[np.int64],
+    ) -> "Piece":
+        """Make a piece that is all of a mesh, whose triangles face the same side."""
+        return cls(points_m, colors, triangles, _rim(triangles, len(points_m)))
 
     @cached_property
     def middles_m(self) -> NDArray[np.float32]:
@@ -59,7 +78,9 @@ class Piece:
     def of(self, chosen: NDArray[np.int64]) -> "Piece":
         """The triangles of these numbers, with their vertices."""
         used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
-        return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
+        return Piece(
+            self.points_m[used], self.colors[used], triangles.reshape(-1, 3), self.rim[used]
+        )
 
     def clustered(self, cell_m: float, low: NDArray[np.float32]) -> "Piece":
         """A coarser piece: the vertices in each cube of that edge are replaced by their mean
@@ -79,7 +100,7 @@ class Piece:
         triangles = member[self.triangles]
         a, b, c = triangles.T
         triangles = triangles[(a != b) & (b != c) & (c != a)]
-        return Piece(
+        return Piece.whole(
             means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles
         )
 
@@ -87,21 +108,23 @@ class Piece:
         """The piece with holes closed that one unseen voxel leaves: coarser levels would show them
         larger.
         """
-        return Piece(self.points_m, self.colors, closed(self.points_m, self.triangles, cell_m))
+        return Piece.whole(
+            self.points_m, self.colors, closed(self.points_m, self.triangles, cell_m)
+        )
 
     def in_strips(self, strip_m: float) -> "Piece":
         """The piece with triangles ordered by strips across the map, and vertices in the order in
         which triangles use them.
         """
         vertices, triangles = in_strips(self, strip_m)
-        return Piece(self.points_m[vertices], self.colors[vertices], triangles)
+        return Piece(self.points_m[vertices], self.colors[vertices], triangles, self.rim[vertices])
 
     def packed(self, step_m: float) -> dict[str, Any]:
         """The piece as the page reads it: differences of positions between vertices, in steps;
         indices relative to the newest.
         """
         return packed_surface(self.points_m, self.triangles, step_m) | {
-            "colors": packed_colors(self.colors)
+            "colors": packed_colors(self.colors, self.rim)
         }
 
 
@@ -144,9 +167,10 @@ def packed_steps(steps: NDArray[np.int64]) -> str:
     return text(deflated(_planes(np.diff(steps, axis=0, prepend=0).T.ravel(), 3), repeats=True))
 
 
-def packed_colors(colors: NDArray[np.uint8]) -> str:
-    """Colors (N, 3) as the page reads them, in steps."""
-    steps = (colors // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
+def packed_colors(colors: NDArray[np.uint8], rim: NDArray[np.bool_]) -> str:
+    """Colors (N, 3) as the page reads them, in steps; darker where the mesh ends (N,)."""
+    shaded = np.where(rim[:, None], np.maximum(colors.astype(np.int64) - RIM_SHADE, 0), colors)
+    steps = (shaded // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
     return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0))))
 
 
@@ -187,11 +211,20 @@ def _bytes(numbers: NDArray[np.uint64], count: int) -> NDArray[np.uint8]:
 def read_mesh(path: Path) -> Piece:
     """Read a map's mesh.ply."""
     vertices, faces = read_vertices(path), read_triangles(path)
-    return Piece(
+    return Piece.whole(
         vertices["position"].astype(np.float32),
         vertices["color"].copy(),
         faces["indices"].astype(np.int64),
     )
+
+
+def _rim(triangles: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
+    """(points,) whether an edge of a single triangle meets a point: elsewhere each neighbor is once
+    the next corner, and once the one before.
+    """
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    after, before = np.bincount(start, end, points), np.bincount(end, start, points)
+    return np.asarray(after != before)
 
 
 class Level(NamedTuple):

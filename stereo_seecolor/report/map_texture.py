@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import (
+    RIM_SHADE,
     SIZES,
     Piece,
     Place,
@@ -126,6 +127,9 @@ def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]
         cell_m / 2,
     )
     made = textured(views, surface)
+    correction = made.charts.correction.copy()
+    correction[piece.rim[made.charts.vertex]] -= RIM_SHADE
+    made = replace(made, charts=made.charts.leveled(correction))
     unseen = made.charts.of_face < 0
     step_m = cell_m / SIZES.steps_per_voxel
     parts = [
@@ -140,7 +144,8 @@ def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]
 def _page(
     piece: Piece, cell_m: float, step_m: float, mesh: PageMesh, pixels: NDArray[np.uint8]
 ) -> dict[str, Any]:
-    of_page = Piece(piece.points_m[mesh.vertex], piece.colors[mesh.vertex], mesh.triangles)
+    at = mesh.vertex
+    of_page = Piece(piece.points_m[at], piece.colors[at], mesh.triangles, piece.rim[at])
     nodes, triangles = in_strips(of_page, cell_m)
     size = pixels.shape[1::-1]
     flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality]

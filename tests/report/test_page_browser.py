@@ -42,7 +42,7 @@ from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import SurveyFrame, Water
-from stereo_seecolor.report.map_mesh import MeshSizes
+from stereo_seecolor.report.map_mesh import RIM_SHADE, MeshSizes
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -572,13 +572,13 @@ def on_map(new_context: Callable[..., BrowserContext], mapped: Path) -> Iterator
     assert not complaints
 
 
-def mapped_run(out: Path, frames: Sequence[SurveyFrame] | None = None) -> None:
+def mapped_run(out: Path, frames: Sequence[SurveyFrame] | None = None, step_m: float = 0.3) -> None:
     write_run(out, frames or [flat_frame(i) for i in range(4)], PAIR)
     rows = [f"f{i},ok,0,,,{i},,\n" for i in range(4)]
     (out / "frames.csv").write_text(
         "name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows)
     )
-    write_tum(out.with_name("track.tum"), track(4))
+    write_tum(out.with_name("track.tum"), track(4, step_m=step_m))
     fuse(out, out.with_name("track.tum"), RunConfig(mapping=CONFIG))
     report(out)
 
@@ -622,6 +622,38 @@ def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Pag
     assert 1 <= found.count() <= 4
     found.first.click()
     expect(on_map.locator("#frames .frame-name")).to_be_visible()
+
+
+def blank_frame(i: int) -> SurveyFrame:
+    """Without ranges in the middle: 19 x 22 cm of the ground."""
+    frame = flat_frame(i)
+    frame.range_m[50:75, 65:95] = np.nan
+    return frame
+
+
+@pytest.mark.slow
+def test_a_gap_is_hatched_with_a_dark_edge_and_a_click_on_it_says_why(
+    new_context: Callable[..., BrowserContext], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    mapped_run(out, [blank_frame(i) for i in range(4)], step_m=0.0)
+    page = new_context().new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    solid = at_rest(page)
+    for view, middle in (("In three dimensions", (0.48, 0.33)), ("Mosaic", (0.5, 0.5))):
+        page.get_by_role("button", name=view).click()
+        at_rest(page)
+        box = box_of(page.locator(".map-stage"))
+        x, y = middle
+        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        expect(page.locator(".found")).to_contain_text("No range: images show the place")
+        expect(page.locator(".found .card").first).to_be_visible()
+        page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 0.7 * box["height"])
+        expect(page.locator(".found")).to_contain_text("frames saw this spot")
+    assert contrast(page.locator(".map-stage").screenshot()) > 30  # light and dark stripes
+    image = cv2.imdecode(np.frombuffer(solid, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    assert (abs(image - (FLAT_BGR - RIM_SHADE).clip(0)).max(axis=2) < 25).sum() > 100
 
 
 STRIPES_M, STRIPES_LEVELS = 0.02, 40

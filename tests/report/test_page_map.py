@@ -24,7 +24,7 @@ from stereo_seecolor.report.range_code import coded_heights
 
 
 def hills(count: int = 60, seed: int = 0) -> Piece:
-    """A grid of triangles over hills, 1 cm apart, in no order."""
+    """A grid of triangles over hills, 1 cm apart, in no order; none of it is shaded as a rim."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:count, :count] * 0.01
     points = (
@@ -40,7 +40,8 @@ def hills(count: int = 60, seed: int = 0) -> Piece:
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     colors = rng.integers(0, 256, (len(points), 3)).astype(np.uint8)
-    return Piece(points[order], colors[order], rng.permutation(place[triangles]))
+    inner = np.zeros(len(points), bool)
+    return Piece(points[order], colors[order], rng.permutation(place[triangles]), inner)
 
 
 def unpacked(packed: dict[str, Any]) -> Piece:
@@ -62,7 +63,7 @@ def unpacked(packed: dict[str, Any]) -> Piece:
         indices.append(newest - back)
         newest += back == 0
     points = np.array(packed["low_m"]) + steps * packed["step_m"]
-    return Piece(points.astype(np.float32), colors, np.array(indices).reshape(-1, 3))
+    return Piece.whole(points.astype(np.float32), colors, np.array(indices).reshape(-1, 3))
 
 
 def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
@@ -103,6 +104,24 @@ def by_colors(piece: Piece) -> list[list[tuple[int, ...]]]:
 def test_colors_are_a_step_of_two_off_at_most() -> None:
     mesh = hills().in_strips(0.01)
     assert abs(unpacked(mesh.packed(0.001)).colors.astype(int) - mesh.colors).max() <= 2
+
+
+def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not() -> None:
+    mesh = replace(hills(), colors=np.full((3600, 3), 200, np.uint8))
+    at = np.rint(100 * (mesh.points_m[:, :2] - (5, -3))).astype(int)
+    hole = np.flatnonzero((at == 30).all(axis=1))
+    mesh = Piece.whole(
+        mesh.points_m, mesh.colors, mesh.triangles[~np.isin(mesh.triangles, hole).any(axis=1)]
+    )
+    border = (at == 0).any(axis=1) | (at == 59).any(axis=1)
+    x, y = (at - 30).T  # the two corners that no triangle joins to the hole's point stay apart
+    beside = (np.abs(x) <= 1) & (np.abs(y) <= 1) & (x * y != 1) & ((x != 0) | (y != 0))
+    assert (mesh.rim == border | beside).all()
+    for cut in next(iter(mesh_levels(mesh, 0.001))).tiles.values():  # the hole stays open
+        tile = cut.in_strips(0.01)
+        dark = unpacked(tile.packed(0.001)).colors[:, 0] < 150
+        assert (dark == tile.rim).all()
+        assert 0 < dark.sum() < 0.2 * len(dark)
 
 
 def test_a_triangle_takes_five_bytes() -> None:
@@ -261,7 +280,7 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
     first = {
         path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
     }
-    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights"}
+    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights", "gaps"}
     meshes = {"0_0_0.js", "textured_0_0_0.js"}
     assert {path.name for path in (out / "page/map").iterdir()} == meshes | folders
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())

@@ -38,6 +38,7 @@ export interface About {
   textured?: Record<string, Piece>; // the images on the surface; the first piece has the colors of its vertices
   mosaic?: Place;
   raw?: Place;
+  gaps?: Place; // of the hatch over what has no height
   terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number };
   squares: Squares | null;
   preview: string;
