@@ -174,6 +174,7 @@ class _MapFiles:
         if terrain is None:
             return
         width, height = terrain.about["width"], terrain.about["height"]
+        correlation_m = self.posed.correlation_m if self.posed else 0.0
         tiles = []
         for name, window, content in height_tiles(width, height, terrain.heights_m):
             tiles.append(name)
@@ -188,6 +189,7 @@ class _MapFiles:
             **terrain.about,
             "tiles": tiles,
             "std_m": self.std_m if np.isfinite(self.std_m) else 0.0,
+            "correlation_m": correlation_m if np.isfinite(correlation_m) else 0.0,
         }
         yield from ((f"terrain/{name}", content) for name, content in terrain.colored())
         yield from ((f"hillshade/{name}", content) for name, content in terrain.hillshade())

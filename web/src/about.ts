@@ -39,7 +39,7 @@ export interface About {
   mosaic?: Place;
   raw?: Place;
   gaps?: Place; // of the hatch over what has no height
-  terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number };
+  terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number; correlation_m: number }; // over which errors of heights are alike
   squares: Squares | null;
   preview: string;
   offset_m: number[];

@@ -24,10 +24,12 @@ export interface Measure {
   known?: number; // fraction of an outline in which the surface is known
   surface: number | null;
   surface_std: number | null;
+  volume_l?: number | null; // of an area on the map: above the ground around it
+  volume_std_l?: number | null;
 }
 
 const MOST_UNDONE = 100;
-const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "click_px", "click_m", "note"];
+const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "volume_l", "volume_std_l", "click_px", "click_m", "note"];
 
 export class Measures {
   private all: Measure[] = [];
@@ -108,7 +110,7 @@ export class Measures {
         ...[each.id, each.frame, each.kind, each.label, i],
         ...(each.frame ? each.places[i].map((pixels) => pixels.toFixed(2)) : ["", ""]),
         ...this.world(each, point).map((meters) => meters.toFixed(5)),
-        ...[each.value, each.std, each.surface, each.surface_std].map((value) => (value === null ? "" : value.toPrecision(6))),
+        ...[each.value, each.std, each.surface, each.surface_std, each.volume_l ?? null, each.volume_std_l ?? null].map((value) => (value === null ? "" : value.toPrecision(6))),
         ...[each.frame ? CLICK_STD_PX : "", each.clicks_m?.[i].toFixed(5) ?? "", each.note ?? ""],
       ]),
     );
@@ -128,9 +130,9 @@ export class Measures {
       const points = each.points.map((point) => (pose ? placed(pose, point).map((value, i) => value + this.dive.offset_m[i]) : this.world(each, point)));
       const shapes = { point: ["Point", points[0]], length: ["LineString", points], area: ["Polygon", [[...points, points[0]]]] };
       const [type, coordinates] = shapes[each.kind];
-      const { frame, kind, label, note = "", value, std, surface, surface_std, known = 1 } = each;
+      const { frame, kind, label, note = "", value, std, surface, surface_std, volume_l = null, volume_std_l = null, known = 1 } = each;
       const axes = onMap ? (this.dive.north ? "map: x east, y north, z up, meters" : "map: z up, where north lies is not known, meters") : "rectified left camera: x right, y down, z forward, meters";
-      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, known, axes } };
+      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, volume_l, volume_std_l, known, axes } };
     });
     return JSON.stringify({ type: "FeatureCollection", features }, null, 1);
   }

@@ -29,7 +29,7 @@ export class MeasureTable {
     private readonly look: (name: string) => void,
   ) {
     this.measures = new Measures(dive, () => this.draw());
-    const heads = ["label", "kind", "value", "surface", "frame", "note"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
+    const heads = ["label", "kind", "value", "surface", "volume", "frame", "note"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
     const exports = (["csv", "geojson", "viame"] as const).map((format) =>
       button(text(`measure.${format}`), () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, this.measures[format]())),
     );
@@ -91,7 +91,7 @@ export class MeasureTable {
     let frame = "";
     where.addEventListener("click", () => (frame ? this.look(frame) : (location.hash = "#map")));
     const [label, note] = [this.field(id, "label"), this.field(id, "note")];
-    const [kind, value, surface] = [0, 1, 2].map(() => element("td"));
+    const [kind, value, surface, volume] = [0, 1, 2, 3].map(() => element("td"));
     const remove = button("×", () => this.measures.remove(id), { "aria-label": this.text("measure.remove", { id }) });
     const cell = (shown: Node) => element("td", {}, shown);
     const show = (each: Measure) => {
@@ -99,10 +99,11 @@ export class MeasureTable {
       kind.textContent = `${id} ${this.text(`measure.${each.kind}`)}`;
       value.textContent = shown(each.value, each.std, each.kind);
       surface.textContent = each.surface === null ? "" : shown(each.surface, each.surface_std ?? NaN, each.kind) + this.partly(each);
+      volume.textContent = each.volume_l ? `${withError(each.volume_l, each.volume_std_l ?? NaN)} l` : "";
       where.textContent = frame || this.text("tab.map");
       for (const [field, text] of [[label, each.label], [note, each.note ?? ""]] as const) if (field.value !== text) field.value = text;
     };
-    return { root: element("tr", {}, cell(label), kind, value, surface, cell(where), cell(note), cell(remove)), show };
+    return { root: element("tr", {}, cell(label), kind, value, surface, volume, cell(where), cell(note), cell(remove)), show };
   }
 
   private partly({ known = 1 }: Measure): string {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,
@@ -32,6 +33,7 @@ from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.range_code import height_std_m, std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.layout import MAP, TERRAIN
+from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
@@ -85,6 +87,8 @@ class Measurement:
     y_m: float | None = None
     z_m: float | None = None
     known: float | None = None
+    volume_l: float | None = None
+    volume_std_l: float | None = None
     note: str = ""
 
 
@@ -103,10 +107,12 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     wanted = read_wanted(points)
     surfaces: dict[str, FrameSurface] = {}
     ground = ground_of(run) if any(not each.frame for each in wanted) else None
+    outlined = any(not each.frame and each.kind == "area" for each in wanted)
+    correlation_m = open_posed_run(out).correlation_m if outlined else 0.0
     results, calibration = [], calibration_std(run).total
     for each in wanted:
         if not each.frame and ground is not None:
-            results.append(measured_on_map(ground, each, calibration))
+            results.append(measured_on_map(ground, each, calibration, correlation_m))
             continue
         if each.frame not in surfaces:
             # tables are sorted by frame: one is kept
@@ -155,9 +161,11 @@ def ground_of(run: FinishedRun) -> Ground:
     )
 
 
-def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
+def measured_on_map(
+    ground: Ground, wanted: Wanted, calibration: float, correlation_m: float
+) -> Measurement:
     """Measure one thing on the map. calibration: relative standard error of a length by the
-    calibration.
+    calibration. correlation_m: distance over which errors of heights are alike.
     """
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     spots: list[Spot] = []
@@ -181,8 +189,11 @@ def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measu
     on_ground, known = _on_ground(ground, wanted.kind, spots)
     if on_ground is None:
         return measurement
+    volume = volume_above(ground, spots, correlation_m) if wanted.kind == "area" else None
     return replace(
         measurement,
+        volume_l=volume.value if volume else None,
+        volume_std_l=volume.total_std(calibration) if volume else None,
         surface=on_ground.value,
         surface_std=on_ground.total_std(calibration),
         known=known,
