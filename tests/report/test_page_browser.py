@@ -847,10 +847,61 @@ def test_measures_on_the_map_are_those_of_the_command_line(
     with on_map.expect_download() as saved:
         on_map.get_by_role("button", name="Save as CSV").click()
     saved.value.save_as(tmp_path / "points.csv")
-    for mine, theirs in zip(stored(on_map), measure(mapped, tmp_path / "points.csv"), strict=True):
-        assert mine["value"] == pytest.approx(theirs.value, rel=1e-3, abs=1e-5)
-        assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
-        assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
+    with on_map.expect_download() as saved:
+        on_map.get_by_role("button", name="Save to keep").click()
+    saved.value.save_as(tmp_path / "measures.json")
+    for name in ("points.csv", "measures.json"):
+        for mine, theirs in zip(stored(on_map), measure(mapped, tmp_path / name), strict=True):
+            assert mine["value"] == pytest.approx(theirs.value, rel=1e-3, abs=1e-5)
+            assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
+            assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
+            assert (mine.get("volume_l") or 0) == pytest.approx(theirs.volume_l or 0, abs=0.01)
+
+
+@pytest.mark.slow
+def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_them(
+    new_context: Callable[..., BrowserContext], mapped: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(mapped, out)
+
+    def opened(context: BrowserContext) -> Page:
+        page = context.new_page()
+        page.goto(f"{(out / 'index.html').as_uri()}#map")
+        page.locator(".map-stage canvas").wait_for()
+        page.get_by_role("button", name="Point", exact=True).click()
+        return page
+
+    def labels(page: Page) -> Locator:
+        return page.locator("#map .measures input.label")
+
+    mine = new_context()
+    tabs = [opened(mine), opened(mine)]
+    for number, tab in enumerate(tabs, 1):  # each measures, and labels what the other measured
+        until_drawn(tab)
+        box = box_of(tab.locator(".map-stage"))
+        tab.mouse.click(box["x"] + (0.4 + 0.05 * number) * box["width"], box["y"] + 300)
+        expect(labels(tab)).to_have_count(number)
+    expect(labels(tabs[0])).to_have_count(2)
+    labels(tabs[0]).nth(1).fill("Porites")
+    labels(tabs[1]).nth(0).fill("Acropora")
+    for tab in tabs:
+        expect(labels(tab).nth(0)).to_have_value("Acropora")
+        expect(labels(tab).nth(1)).to_have_value("Porites")
+    with tabs[0].expect_download() as saved:
+        tabs[0].get_by_role("button", name="Save to keep").click()
+    theirs = opened(new_context())
+    expect(labels(theirs)).to_have_count(0)
+    saved.value.save_as(out / "measures.json")
+    report(out)
+    theirs = opened(new_context())
+    expect(labels(theirs).nth(1)).to_have_value("Porites")
+    theirs.get_by_role("button", name="Delete measure 1").click()
+    theirs.reload()
+    theirs.get_by_role("button", name="Point", exact=True).click()
+    expect(labels(theirs)).to_have_count(1)
+    theirs.get_by_label("Load kept measures").set_input_files(out / "measures.json")
+    expect(labels(theirs)).to_have_count(2)
 
 
 def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Path) -> None:

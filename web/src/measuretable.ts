@@ -21,6 +21,7 @@ export class MeasureTable {
   private readonly rows = new Map<number, Row>();
   private readonly sums = element("tbody");
   private readonly summed: HTMLElement;
+  private readonly problem = element("output", { class: "readout" });
   private readonly watchers: (() => void)[] = [];
 
   constructor(
@@ -39,7 +40,8 @@ export class MeasureTable {
       labelList("labels", Object.values(LABELS).flat()),
       element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("td"))), this.list)),
       this.summed,
-      element("div", { class: "toolbar" }, ...exports),
+      element("div", { class: "toolbar" }, ...exports, button(text("measure.json"), () => save("measures.json", this.measures.json())), this.fileField(), this.problem),
+      element("p", { class: "hint" }, text("measure.json_hint")),
       element("p", { class: "hint" }, dive.calibration),
     );
     this.draw();
@@ -48,6 +50,23 @@ export class MeasureTable {
   /** Call when a measure was added, changed or removed. */
   watch(changed: () => void): void {
     this.watchers.push(changed);
+  }
+
+  private fileField(): HTMLElement {
+    const file = element("input", { type: "file", accept: ".json,application/json" });
+    file.addEventListener("change", () => {
+      if (file.files?.[0]) void this.load(file.files[0]);
+      file.value = ""; // the same file can be chosen again
+    });
+    return element("label", { class: "field" }, element("span", {}, this.text("measure.load")), file);
+  }
+
+  private async load(file: File): Promise<void> {
+    try {
+      this.problem.textContent = this.text("measure.loaded", { count: this.measures.load(await file.text()) });
+    } catch (error) {
+      this.problem.textContent = `${file.name}: ${(error as Error).message}`;
+    }
   }
 
   private draw(): void {

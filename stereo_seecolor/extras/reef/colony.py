@@ -101,7 +101,10 @@ def measure_outlines(
     def by_terrain(heights: Array) -> Array:
         parts = [(heights[windows[i]], masks[i][windows[i]]) for i in seen]
         return np.array(
-            [above_rim(own, inside, rim_of(own, inside), terrain.grid.cell_m) for own, inside in parts]
+            [
+                above_rim(own, inside, rim_of(own, inside), terrain.grid.cell_m)
+                for own, inside in parts
+            ]
         ).ravel()
 
     grid = terrain.grid

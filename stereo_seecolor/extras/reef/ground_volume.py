@@ -65,7 +65,8 @@ def _window(ground: Ground, corner: NDArray[np.int64], width: int, height: int) 
     heights = np.full((height, width), np.nan)
     left, top = np.maximum(-corner, 0)
     part = ground.heights_m[
-        max(corner[1], 0) : max(corner[1] + height, 0), max(corner[0], 0) : max(corner[0] + width, 0)
+        max(corner[1], 0) : max(corner[1] + height, 0),
+        max(corner[0], 0) : max(corner[0] + width, 0),
     ]
     heights[top : top + part.shape[0], left : left + part.shape[1]] = part
     return heights
@@ -80,9 +81,7 @@ def _gain_l(own: Mask, known: Mask, rim: Mask, cell_m: float, correlation_m: flo
     of_rim = basis[rim]
     each_l = 1000 * cell_m**2 * float(own.sum()) / float(known.sum())
     weight = np.where(known, each_l, 0.0)
-    weight[rim] = -each_l * (
-        of_rim @ np.linalg.solve(of_rim.T @ of_rim, basis[known].sum(axis=0))
-    )
+    weight[rim] = -each_l * (of_rim @ np.linalg.solve(of_rim.T @ of_rim, basis[known].sum(axis=0)))
     reach = int(np.ceil(ALIKE_REACH * correlation_m / cell_m))
     around, (height, width) = np.pad(weight, reach), weight.shape
     variance = 0.0
@@ -95,8 +94,8 @@ def _gain_l(own: Mask, known: Mask, rim: Mask, cell_m: float, correlation_m: flo
 
 
 def _stepped(heights: Array, own: Mask, gap_m: float) -> float:
-    """The part of an outline's sides, in edges of cells, at which the ground falls off by a step, or
-    is not known.
+    """The part of an outline's sides, in edges of cells, at which the ground falls off by a step,
+    or is not known.
     """
     sides = steps = 0
     for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):

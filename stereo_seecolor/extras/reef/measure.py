@@ -28,7 +28,8 @@ from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
 from stereo_seecolor.files import csv_tables
 from stereo_seecolor.geometry import estimated_range_std_m
-from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.calibration_std import LIMITS, calibration_std
+from stereo_seecolor.report.kept_measures import KeptMeasures, read_kept_measures
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.range_code import height_std_m, std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
@@ -94,7 +95,7 @@ class Measurement:
 
 def measure(out: Path, points: Path) -> list[Measurement]:
     """Measure what a table asks for: columns measure, frame, kind (point, length or area), label,
-    x_px, y_px; a row for each place.
+    x_px, y_px; a row for each place. A .json file holds measures that the page saved.
 
     Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the
     terrain. Rows with the same measure belong together, in their order. click_px and click_m, if
@@ -271,9 +272,11 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
 
 
 def read_wanted(path: Path) -> list[Wanted]:
-    """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming
-    the line, if it is bad.
+    """Read a table of places, a CSV, in which rows with the same measure are one; or measures that
+    the page saved (.json). Raises InputError, naming the line, if it is bad.
     """
+    if path.suffix.lower() == ".json":
+        return _of_page(read_kept_measures(path), path)
     names = csv_tables.header(path)
     places = (
         FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
@@ -301,6 +304,24 @@ def read_wanted(path: Path) -> list[Wanted]:
                 "in order around it"
             )
     return list(found.values())
+
+
+def _of_page(kept: KeptMeasures, path: Path) -> list[Wanted]:
+    """What to measure again of what the page saved. Raises InputError."""
+    found = []
+    for each in kept.measures:
+        kind = next((kind for kind in LEAST_POINTS if kind == each.kind), None)
+        if kind is None or len(each.points) < LEAST_POINTS[kind]:
+            raise InputError(f"{path}: measure {each.id} is damaged: save it again on the page")
+        about = str(each.id), each.frame, kind, each.label
+        if each.frame:
+            clicks_px = (LIMITS.click_std_px,) * len(each.places)
+            found.append(Wanted(*about, tuple(each.places), clicks_px=clicks_px))
+            continue
+        world = np.array(each.points) + kept.offset_m
+        spots = zip(*world.T.tolist(), each.clicks_m or (), strict=True)
+        found.append(Wanted(*about, (), tuple(spots)))
+    return found
 
 
 def _joined(earlier: Wanted, later: Wanted) -> Wanted:
