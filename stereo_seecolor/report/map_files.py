@@ -2,10 +2,12 @@
 fusion.
 """
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,8 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
 from stereo_seecolor.report.map_gaps import fits, gap_tiles, packed_reasons, reasons
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
-from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, box, levels, read_mesh
+from stereo_seecolor.report.map_mesh import SIZES, Piece, box
+from stereo_seecolor.report.mesh_levels import Level, MeshSource, Place, levels
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.range_code import height_std_m, height_tiles
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
@@ -129,35 +132,42 @@ class _MapFiles:
         yield "map.js", script("map", about)
 
     def _mesh(self, about: dict[str, Any]) -> Files:
-        pieces = about["pieces"]
-        mesh = read_mesh(self.made.folder / MESH) if (self.made.folder / MESH).is_file() else None
-        if mesh is None or not len(mesh.triangles):
+        if not (self.made.folder / MESH).is_file():
             return
-        voxel_m = self.made.cell_m["voxel_m"]
-        wholes, name = [], ""
-        for level, (cell_m, tiles, whole) in enumerate(levels(mesh, voxel_m)):
-            for place, piece in tiles.items():
-                name = _name(level, place)
-                pieces[name] = {
-                    **box(piece),
-                    "cell_m": cell_m,
-                    "finer": _finer(pieces, level, place),
-                }
-            named = ((_name(level, place), piece) for place, piece in tiles.items())
-            on_cores = Threads(cores())
-            yield from chain.from_iterable(on_cores.each(partial(self._piece, cell_m), named))
-            wholes.append((cell_m, whole))
-        if self.posed is None:
+        source = MeshSource.open(self.made.folder / MESH)
+        if not len(source.triangles):
             return
-        from stereo_seecolor.report.map_texture import textured_tiles  # scipy takes long to load
+        voxel_m, made = self.made.cell_m["voxel_m"], list[Level]()
+        with tempfile.TemporaryDirectory() as folder:  # gigabytes, for a map of thousands of frames
+            for level in levels(source, voxel_m, Path(folder)):
+                yield from self._level(about["pieces"], len(made), level)
+                made.append(level)
+            if self.posed is None:
+                return
+            # scipy takes long to load
+            from stereo_seecolor.report.map_texture import textured_tiles
 
-        made = about["textured"] = {}
-        for tile_name, tile, content in textured_tiles(self.posed, wholes, voxel_m):
-            made[tile_name] = tile
-            yield f"{tile_name}.js", content
-        if len(tiles) == 1:  # else several pieces show the whole map at first
-            below = {finer for tile in made.values() for finer in tile["finer"]}
-            made[name] = pieces[name] | {"finer": sorted(made.keys() - below)}
+            painted = about["textured"] = {}
+            for tile_name, tile, content in textured_tiles(self.posed, made, voxel_m):
+                painted[tile_name] = tile
+                yield f"{tile_name}.js", content
+        if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
+            below = {finer for tile in painted.values() for finer in tile["finer"]}
+            name = _name(len(made) - 1, next(iter(made[-1].boxes)))
+            painted[name] = about["pieces"][name] | {"finer": sorted(painted.keys() - below)}
+
+    def _level(self, pieces: dict[str, Any], number: int, level: Level) -> Files:
+        """The files of a level's tiles, each of which is listed in ``pieces``."""
+
+        def named() -> Iterator[tuple[str, Piece]]:
+            for place, piece in level.tiles():
+                name = _name(number, place)
+                finer = _finer(pieces, number, place)
+                pieces[name] = {**box(piece), "cell_m": level.cell_m, "finer": finer}
+                yield name, piece
+
+        made = Threads(cores()).each(partial(self._piece, level.cell_m), named())
+        yield from chain.from_iterable(made)
 
     def _piece(self, cell_m: float, named: tuple[str, Piece]) -> list[tuple[str, bytes]]:
         """The files of a tile of the mesh, of a level with cells of that edge."""

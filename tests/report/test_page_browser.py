@@ -553,7 +553,7 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with a map in tiles: flat, of one color, seen by four frames from above."""
     out = tmp_path_factory.mktemp("mapped") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(1000, 2000))
+        patch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(1000, 2000))
         mapped_run(out)
     return out
 
