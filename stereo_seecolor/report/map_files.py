@@ -2,10 +2,12 @@
 fusion.
 """
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,10 @@ import numpy as np
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
+from stereo_seecolor.report.map_gaps import fits, gap_tiles, packed_reasons, reasons
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
-from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, box, levels, read_mesh
+from stereo_seecolor.report.map_mesh import SIZES, Piece, box
+from stereo_seecolor.report.mesh_levels import Level, MeshSource, Place, levels
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.range_code import height_std_m, height_tiles
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
@@ -22,16 +26,18 @@ from stereo_seecolor.report.squares import Squares
 from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.finished_run import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
+from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "7"
+FORMAT = "8"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.
 """
 FOLDER = f"{PAGE}/map"
+RASTERS = {MOSAIC: 4, TERRAIN: 1, GAPS: 1}
+"""Of the map that the page shows, with their bands."""
 Files = Iterator[tuple[str, bytes]]
 
 
@@ -56,13 +62,12 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict
         folder.dive.remove(FOLDER)
     if made is None:
         return {}
-    bands = {MOSAIC: 4, TERRAIN: 1}
     damaged = {
         name: why
-        for name in (MOSAIC, TERRAIN)
+        for name, bands in RASTERS.items()
         if (made.folder / name).is_file()
         and can_read_rasters()
-        and (why := raster_problem(made.folder / name, bands[name]))
+        and (why := raster_problem(made.folder / name, bands))
     }
     files = _MapFiles.of(facts, made, with_raw, frozenset(damaged))
     # a page without a part is not kept: the next report makes it again, and names what is damaged
@@ -74,7 +79,7 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict
 def _stamps(made: FinishedMap) -> list[str]:
     return [
         Stamp.of(made.folder / name).digest
-        for name in (MESH, MOSAIC, TERRAIN)
+        for name in (MESH, *RASTERS)
         if (made.folder / name).is_file()
     ]
 
@@ -82,7 +87,7 @@ def _stamps(made: FinishedMap) -> list[str]:
 @dataclass(frozen=True, eq=False)
 class _MapFiles:
     """Makes the page's files of a map. terrain, raw: None where it has none. std_m: standard error
-    of a height, NaN if unknown. has_mosaic: whether there is one that can be read.
+    of a height, NaN if unknown. has_mosaic, has_gaps: whether there are such that can be read.
     """
 
     made: FinishedMap
@@ -92,22 +97,20 @@ class _MapFiles:
     raw: RawMosaic | None
     squares: Squares | None
     has_mosaic: bool
+    has_gaps: bool
 
     @classmethod
     def of(
         cls, facts: DiveFacts, made: FinishedMap, with_raw: bool, damaged: frozenset[str]
     ) -> "_MapFiles":
-        there = {
-            name: (made.folder / name).is_file() and name not in damaged
-            for name in (MOSAIC, TERRAIN)
-        }
+        there = {name: (made.folder / name).is_file() and name not in damaged for name in RASTERS}
         terrain = TerrainImages.open(made.folder / TERRAIN) if there[TERRAIN] else None
         raw = (
             RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
         )
-        return cls(
-            made, facts.posed, height_std_m(facts.run), terrain, raw, facts.squares, there[MOSAIC]
-        )
+        std_m = height_std_m(facts.run)
+        has_gaps = bool(there[GAPS] and terrain and fits(made.folder / GAPS, terrain.about))
+        return cls(made, facts.posed, std_m, terrain, raw, facts.squares, there[MOSAIC], has_gaps)
 
     def contents(self, key: str) -> Files:
         """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
@@ -129,35 +132,42 @@ class _MapFiles:
         yield "map.js", script("map", about)
 
     def _mesh(self, about: dict[str, Any]) -> Files:
-        pieces = about["pieces"]
-        mesh = read_mesh(self.made.folder / MESH) if (self.made.folder / MESH).is_file() else None
-        if mesh is None or not len(mesh.triangles):
+        if not (self.made.folder / MESH).is_file():
             return
-        voxel_m = self.made.cell_m["voxel_m"]
-        wholes, name = [], ""
-        for level, (cell_m, tiles, whole) in enumerate(levels(mesh, voxel_m)):
-            for place, piece in tiles.items():
-                name = _name(level, place)
-                pieces[name] = {
-                    **box(piece),
-                    "cell_m": cell_m,
-                    "finer": _finer(pieces, level, place),
-                }
-            named = ((_name(level, place), piece) for place, piece in tiles.items())
-            on_cores = Threads(cores())
-            yield from chain.from_iterable(on_cores.each(partial(self._piece, cell_m), named))
-            wholes.append((cell_m, whole))
-        if self.posed is None:
+        source = MeshSource.open(self.made.folder / MESH)
+        if not len(source.triangles):
             return
-        from stereo_seecolor.report.map_texture import textured_tiles  # scipy takes long to load
+        voxel_m, made = self.made.cell_m["voxel_m"], list[Level]()
+        with tempfile.TemporaryDirectory() as folder:  # gigabytes, for a map of thousands of frames
+            for level in levels(source, voxel_m, Path(folder)):
+                yield from self._level(about["pieces"], len(made), level)
+                made.append(level)
+            if self.posed is None:
+                return
+            # scipy takes long to load
+            from stereo_seecolor.report.map_texture import textured_tiles
 
-        made = about["textured"] = {}
-        for tile_name, tile, content in textured_tiles(self.posed, wholes, voxel_m):
-            made[tile_name] = tile
-            yield f"{tile_name}.js", content
-        if len(tiles) == 1:  # else several pieces show the whole map at first
-            below = {finer for tile in made.values() for finer in tile["finer"]}
-            made[name] = pieces[name] | {"finer": sorted(made.keys() - below)}
+            painted = about["textured"] = {}
+            for tile_name, tile, content in textured_tiles(self.posed, made, voxel_m):
+                painted[tile_name] = tile
+                yield f"{tile_name}.js", content
+        if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
+            below = {finer for tile in painted.values() for finer in tile["finer"]}
+            name = _name(len(made) - 1, next(iter(made[-1].boxes)))
+            painted[name] = about["pieces"][name] | {"finer": sorted(painted.keys() - below)}
+
+    def _level(self, pieces: dict[str, Any], number: int, level: Level) -> Files:
+        """The files of a level's tiles, each of which is listed in ``pieces``."""
+
+        def named() -> Iterator[tuple[str, Piece]]:
+            for place, piece in level.tiles():
+                name = _name(number, place)
+                finer = _finer(pieces, number, place)
+                pieces[name] = {**box(piece), "cell_m": level.cell_m, "finer": finer}
+                yield name, piece
+
+        made = Threads(cores()).each(partial(self._piece, level.cell_m), named())
+        yield from chain.from_iterable(made)
 
     def _piece(self, cell_m: float, named: tuple[str, Piece]) -> list[tuple[str, bytes]]:
         """The files of a tile of the mesh, of a level with cells of that edge."""
@@ -174,25 +184,34 @@ class _MapFiles:
         if terrain is None:
             return
         width, height = terrain.about["width"], terrain.about["height"]
+        correlation_m = self.posed.correlation_m if self.posed else 0.0
         tiles = []
-        for name, content in height_tiles(width, height, terrain.heights_m):
+        for name, window, content in height_tiles(width, height, terrain.heights_m):
             tiles.append(name)
+            if self.has_gaps:
+                content |= packed_reasons(reasons(self.made.folder / GAPS, window))
             yield f"heights/{name}.js", script("heights", name, content)
+        if self.has_gaps:
+            about["gaps"] = _place_of(terrain.about)
+            tiles_of_gaps = gap_tiles(self.made.folder / GAPS, width, height)
+            yield from ((f"gaps/{name}", content) for name, content in tiles_of_gaps)
         about["terrain"] = {
             **terrain.about,
             "tiles": tiles,
             "std_m": self.std_m if np.isfinite(self.std_m) else 0.0,
+            "correlation_m": correlation_m if np.isfinite(correlation_m) else 0.0,
         }
         yield from ((f"terrain/{name}", content) for name, content in terrain.colored())
         yield from ((f"hillshade/{name}", content) for name, content in terrain.hillshade())
         if self.raw is not None:
-            about["raw"] = {
-                key: terrain.about[key]
-                for key in ("width", "height", "west_m", "north_m", "pixel_m")
-            }
+            about["raw"] = _place_of(terrain.about)
             yield from (
                 (f"raw/{name}", content) for name, content in pyramid(width, height, self.raw.read)
             )
+
+
+def _place_of(about: dict[str, Any]) -> dict[str, Any]:
+    return {key: about[key] for key in ("width", "height", "west_m", "north_m", "pixel_m")}
 
 
 def _name(level: int, place: Place) -> str:

@@ -1,20 +1,13 @@
-"""The map's mesh for the page: coarse as a whole, fine in tiles; packed into scripts."""
+"""Pieces of a map's mesh for the page: packed into scripts."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.mapping.surface.small_holes import closed
 from stereo_seecolor.report.range_code import deflated, text
-
-Place = tuple[int, int]
-"""Column and row of a tile, from the south-west."""
 
 
 @dataclass(frozen=True)
@@ -23,22 +16,30 @@ class MeshSizes:
 
     first_triangles: int = 100_000  # of the coarsest level: 0.7 MB, drawn at once by any computer
     tile_triangles: int = 150_000  # loaded in a tenth of a second
-    most_columns: int = 64  # of the finest level: a long, thin map is cut into no more tiles
     # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
     steps_per_voxel: int = 16
     color_step: int = 4  # of 255: noise hides it, and colors take 40 % less
 
+
+RIM_SHADE = 110
+"""Of 255: so much darker is a surface where it ends, over the last cell: seen on sand and on
+corals.
+"""
 
 SIZES = MeshSizes()
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A part of a mesh. points_m: (N, 3) float32. colors: (N, 3) uint8 sRGB. triangles: (T, 3)."""
+    """A part of a mesh. points_m: (N, 3) float32. colors: (N, 3) uint8 sRGB. triangles: (T, 3).
+
+    rim: (N,) whether the mesh as a whole ends at a point.
+    """
 
     points_m: NDArray[np.float32]
     colors: NDArray[np.uint8]
     triangles: NDArray[np.int64]
+    rim: NDArray[np.bool_]
 
     @cached_property
     def middles_m(self) -> NDArray[np.float32]:
@@ -46,62 +47,26 @@ class Piece:
         a, b, c = (self.points_m[corner, :2] for corner in self.triangles.T)
         return np.asarray((a + b + c) / 3)  # a fifth of the time of a mean over an axis of three
 
-    @property
-    def corner_m(self) -> NDArray[np.float32]:
-        """Where tiles begin: the least x and y of the middles, (2,)."""
-        return np.asarray(self.middles_m.min(axis=0))
-
-    @property
-    def side_m(self) -> float:
-        """The longer side of what it covers."""
-        return float((self.middles_m.max(axis=0) - self.corner_m).max())
-
     def of(self, chosen: NDArray[np.int64]) -> "Piece":
         """The triangles of these numbers, with their vertices."""
         used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
-        return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
-
-    def clustered(self, cell_m: float, low: NDArray[np.float32]) -> "Piece":
-        """A coarser piece: the vertices in each cube of that edge are replaced by their mean
-        (Rossignac and Borrel 1993).
-
-        low: (2,) x and y of a corner of cubes, so that cubes of a coarser level contain whole cubes
-        of a finer one.
-        """
-        corner = self.points_m.min(axis=0)
-        corner[:2] = low - np.ceil((low - corner[:2]) / cell_m) * cell_m
-        cells = np.floor((self.points_m - corner) / cell_m).astype(np.int64)
-        span = cells.max(axis=0) + 1
-        keys = (cells[:, 2] * span[1] + cells[:, 1]) * span[0] + cells[:, 0]
-        _, member, count = np.unique(keys, return_inverse=True, return_counts=True)
-        values = np.concatenate([self.points_m, self.colors], axis=1).astype(np.float64)
-        means = np.stack([np.bincount(member, column) / count for column in values.T], axis=1)
-        triangles = member[self.triangles]
-        a, b, c = triangles.T
-        triangles = triangles[(a != b) & (b != c) & (c != a)]
         return Piece(
-            means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles
+            self.points_m[used], self.colors[used], triangles.reshape(-1, 3), self.rim[used]
         )
-
-    def without_small_holes(self, cell_m: float) -> "Piece":
-        """The piece with holes closed that one unseen voxel leaves: coarser levels would show them
-        larger.
-        """
-        return Piece(self.points_m, self.colors, closed(self.points_m, self.triangles, cell_m))
 
     def in_strips(self, strip_m: float) -> "Piece":
         """The piece with triangles ordered by strips across the map, and vertices in the order in
         which triangles use them.
         """
         vertices, triangles = in_strips(self, strip_m)
-        return Piece(self.points_m[vertices], self.colors[vertices], triangles)
+        return Piece(self.points_m[vertices], self.colors[vertices], triangles, self.rim[vertices])
 
     def packed(self, step_m: float) -> dict[str, Any]:
         """The piece as the page reads it: differences of positions between vertices, in steps;
         indices relative to the newest.
         """
         return packed_surface(self.points_m, self.triangles, step_m) | {
-            "colors": packed_colors(self.colors)
+            "colors": packed_colors(self.colors, self.rim)
         }
 
 
@@ -144,9 +109,10 @@ def packed_steps(steps: NDArray[np.int64]) -> str:
     return text(deflated(_planes(np.diff(steps, axis=0, prepend=0).T.ravel(), 3), repeats=True))
 
 
-def packed_colors(colors: NDArray[np.uint8]) -> str:
-    """Colors (N, 3) as the page reads them, in steps."""
-    steps = (colors // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
+def packed_colors(colors: NDArray[np.uint8], rim: NDArray[np.bool_]) -> str:
+    """Colors (N, 3) as the page reads them, in steps; darker where the mesh ends (N,)."""
+    shaded = np.where(rim[:, None], np.maximum(colors.astype(np.int64) - RIM_SHADE, 0), colors)
+    steps = (shaded // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
     return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0))))
 
 
@@ -184,63 +150,13 @@ def _bytes(numbers: NDArray[np.uint64], count: int) -> NDArray[np.uint8]:
     )
 
 
-def read_mesh(path: Path) -> Piece:
-    """Read a map's mesh.ply."""
-    vertices, faces = read_vertices(path), read_triangles(path)
-    return Piece(
-        vertices["position"].astype(np.float32),
-        vertices["color"].copy(),
-        faces["indices"].astype(np.int64),
-    )
-
-
-class Level(NamedTuple):
-    """A level of detail: the edge of its cells, its tiles, and all of it."""
-
-    cell_m: float
-    tiles: dict[Place, Piece]
-    whole: Piece
-
-
-def levels(mesh: Piece, voxel_m: float) -> Iterator[Level]:
-    """Make the levels of detail, the finest first: each has half as fine cells as the one before.
-
-    A tile of a level covers four of the level before, and holds about as many triangles as each of
-    those. Holes of two cells of a level are closed in it.
+def rim_of(triangles: NDArray[np.int64], points: int) -> NDArray[np.bool_]:
+    """(points,) whether an edge of a single triangle meets a point: elsewhere each neighbor is once
+    the next corner, and once the one before.
     """
-    mesh = mesh.without_small_holes(voxel_m)
-    low, side_m = mesh.corner_m, mesh.side_m + voxel_m
-    edge_m = max(
-        tile_edge_m(mesh, voxel_m, len(mesh.triangles) / SIZES.tile_triangles),
-        side_m / SIZES.most_columns,
-    )
-    cell_m = voxel_m
-    while True:
-        made = dict(tiles(mesh, low, edge_m))
-        yield Level(cell_m, made, mesh)
-        if len(made) <= 1 and len(mesh.triangles) <= SIZES.first_triangles:
-            return
-        cell_m, edge_m, before = 2 * cell_m, 2 * edge_m, len(mesh.triangles)
-        mesh = mesh.clustered(cell_m, low).without_small_holes(cell_m)
-        if not 0 < len(mesh.triangles) < before:
-            return
-
-
-def tile_edge_m(mesh: Piece, voxel_m: float, count: float) -> float:
-    """The edge of square tiles of which a mesh fills about ``count``."""
-    if count <= 1:
-        return mesh.side_m + voxel_m
-    return float(np.sqrt(np.prod(mesh.middles_m.max(axis=0) - mesh.corner_m) / count))
-
-
-def tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tuple[Place, Piece]]:
-    """The triangles of a mesh by the square that their centers lie in."""
-    places = np.maximum(np.floor((mesh.middles_m - low) / edge_m).astype(np.int64), 0)
-    keys = places[:, 1] << 32 | places[:, 0]
-    order = np.argsort(keys, kind="stable")
-    found, first = np.unique(keys[order], return_index=True)
-    for key, members in zip(found, np.split(order, first[1:]), strict=True):
-        yield (int(key & 0xFFFFFFFF), int(key >> 32)), mesh.of(members)
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    after, before = np.bincount(start, end, points), np.bincount(end, start, points)
+    return np.asarray(after != before)
 
 
 def box(piece: Piece) -> dict[str, Any]:

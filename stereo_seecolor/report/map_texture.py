@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import (
+    RIM_SHADE,
     SIZES,
     Piece,
-    Place,
     box,
     in_strips,
     packed_steps,
     packed_surface,
-    tile_edge_m,
-    tiles,
 )
+from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
 from stereo_seecolor.report.range_code import text
 from stereo_seecolor.report.texts import script
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -48,45 +47,43 @@ Tile = tuple[str, dict[str, Any], bytes]
 """Name, entry in the list of pieces, and script."""
 
 
-def textured_tiles(
-    posed: PosedRun, wholes: Sequence[tuple[float, Piece]], voxel_m: float
-) -> Iterator[Tile]:
-    """Paint the levels of a mesh, of cells of that edge, the finest first: the first that is coarse
-    enough has the images' pixels, each further one half as many along each axis.
+def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> Iterator[Tile]:
+    """Paint the levels of a mesh, the finest first: the first that is coarse enough has the images'
+    pixels, each further one half as many along each axis.
     """
     least_m = max(TEXTURES.voxels_per_cell * voxel_m, TEXTURES.texels_per_cell * posed.pixel_m)
-    painted = [each for each in wholes if each[0] >= least_m] or wholes[-1:]
-    finest = painted[0][1]
-    corner_m, count = finest.corner_m, len(finest.triangles) / TEXTURES.triangles
-    count = max(count, _area_m2(finest) / posed.pixel_m**2 / TEXTURES.pixels)
-    edge_m = tile_edge_m(finest, voxel_m, count)
-    cut = [
-        (cell_m, dict(tiles(mesh, corner_m, edge_m * 2**level)))
-        for level, (cell_m, mesh) in enumerate(painted)
-    ]
+    painted = [each for each in levels if each.cell_m >= least_m] or levels[-1:]
+    finest = painted[0]
+    area_m2 = sum(_area_m2(piece) for _, piece in finest.tiles())
+    count = max(finest.triangles / TEXTURES.triangles, area_m2 / posed.pixel_m**2 / TEXTURES.pixels)
+    edge_m = tile_edge_m(np.array(list(finest.boxes.values())), count, voxel_m)
+    cut = [level.places(edge_m * 2**number) for number, level in enumerate(painted)]
     top = len(cut) - 1
     whole = {
         (column >> top - level, row >> top - level)
-        for level, (_, of_level) in enumerate(cut)
+        for level, of_level in enumerate(cut)
         for column, row in of_level
     }
     keys = [
-        key for place in sorted(whole) for key in _in_order(top, place) if key[1] in cut[key[0]][1]
+        key for place in sorted(whole) for key in _in_order(top, place) if key[1] in cut[key[0]]
     ]
-    views = Views(posed)
-    work = ((cut[level][0], 2**level, cut[level][1][place]) for level, place in keys)
-    made = Threads(cores()).each(partial(_packed, views), work)
-    for (level, place), parts in zip(keys, made, strict=True):
-        cell_m, of_level = cut[level]
+
+    def work() -> Iterator[tuple[float, int, Piece]]:
+        for number, place in keys:
+            level = painted[number]
+            yield level.cell_m, 2**number, level.square(place, edge_m * 2**number)
+
+    made = Threads(cores()).each(partial(_packed, Views(posed)), work())
+    for (level, place), (where, parts) in zip(keys, made, strict=True):
         entry = {
-            **box(of_level[place]),
-            "cell_m": cell_m,
+            **where,
+            "cell_m": painted[level].cell_m,
             "texel_m": posed.pixel_m * 2**level,
             "texels": sum(int(np.prod(part["size"])) for part in parts if "size" in part),
             "finer": [
                 _name(level - 1, each)
                 for each in _below(place)
-                if level > 0 and each in cut[level - 1][1]
+                if level > 0 and each in cut[level - 1]
             ],
         }
         name = _name(level, place)
@@ -114,9 +111,12 @@ def _area_m2(piece: Piece) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
 
 
-def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]]:
-    """The parts of a tile: pages of texture with their triangles, and those that no image shows in
-    the map's colors. tile: edge of its cells, pixels of the images to one of the texture, mesh.
+def _packed(
+    views: Views, tile: tuple[float, int, Piece]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Where a tile lies, and its parts: pages of texture with their triangles, and those that no
+    image shows in the map's colors. tile: edge of its cells, pixels of the images to one of the
+    texture, mesh.
     """
     cell_m, step, piece = tile
     surface = PaintedSurface(
@@ -126,6 +126,9 @@ def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]
         cell_m / 2,
     )
     made = textured(views, surface)
+    correction = made.charts.correction.copy()
+    correction[piece.rim[made.charts.vertex]] -= RIM_SHADE
+    made = replace(made, charts=made.charts.leveled(correction))
     unseen = made.charts.of_face < 0
     step_m = cell_m / SIZES.steps_per_voxel
     parts = [
@@ -134,13 +137,14 @@ def _packed(views: Views, tile: tuple[float, int, Piece]) -> list[dict[str, Any]
     ]
     if unseen.any():
         parts.append(piece.of(np.flatnonzero(unseen)).in_strips(cell_m).packed(step_m))
-    return parts
+    return box(piece), parts
 
 
 def _page(
     piece: Piece, cell_m: float, step_m: float, mesh: PageMesh, pixels: NDArray[np.uint8]
 ) -> dict[str, Any]:
-    of_page = Piece(piece.points_m[mesh.vertex], piece.colors[mesh.vertex], mesh.triangles)
+    at = mesh.vertex
+    of_page = Piece(piece.points_m[at], piece.colors[at], mesh.triangles, piece.rim[at])
     nodes, triangles = in_strips(of_page, cell_m)
     size = pixels.shape[1::-1]
     flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality]

@@ -11,12 +11,14 @@ import numpy as np
 
 from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.compute.threads import Threads, cores
-from stereo_seecolor.errors import FrameError
+from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.frame_files import FrameFiles, example_frames, kept_charts, raw_is_there
+from stereo_seecolor.report.kept_measures import FILE as MEASURES
+from stereo_seecolor.report.kept_measures import read_kept_measures
 from stereo_seecolor.report.live_page import FORMAT, frames_in_full, page_stage
 from stereo_seecolor.report.map_files import write_map_files
 from stereo_seecolor.report.overview import (
@@ -43,7 +45,8 @@ class PageSummary:
     """The page that was written: the file to open. made, kept: numbers of frames whose files were
     made now, or earlier.
 
-    left_out: frames whose files are gone or damaged, and such rasters of the map, with the reason.
+    left_out: frames whose files are gone or damaged, such rasters of the map, and measures that
+    cannot be used, with the reason.
     """
 
     page: Path
@@ -79,17 +82,37 @@ def write_page(
         replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
     )
     left_out |= write_map_files(folder, facts, with_raw=not brief)
+    kept, problem = _kept_measures(run)
+    left_out |= problem
     files = {
         f"{PAGE}/{name}": (STATIC / name).read_bytes()
         for name in ASSETS
         if (STATIC / name).is_file()
     }
     files |= {
-        f"{PAGE}/dive.js": script("dive", _data(facts, shown)),
+        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | {"measures": kept}),
         INDEX: render(facts, shown, kept_charts(folder)),
     }
     folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
     return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
+
+
+def _kept_measures(run: FinishedRun) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """What was measured on an earlier page and lies in OUT; and why it cannot be used, by file."""
+    path, dive = run.root / MEASURES, _dive_id(run)
+    if not path.exists():
+        return [], {}
+    try:
+        kept = read_kept_measures(path)
+    except InputError as error:
+        return [], {MEASURES: str(error)}
+    if kept.dive != dive:
+        return [], {MEASURES: f"{path}: holds measures of another dive"}
+    return kept.content, {}
+
+
+def _dive_id(run: FinishedRun) -> str:
+    return run.frames[0].sha256[:16] if run.frames else ""
 
 
 def _spread(facts: DiveFacts) -> set[str]:
@@ -142,7 +165,7 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
     run, known = facts.run, calibration_std(facts.run)
     return {
         "format": FORMAT,
-        "id": run.frames[0].sha256[:16] if run.frames else "",
+        "id": _dive_id(run),
         "texts": texts(),
         "calibration": calibration_note(known),
         "calibration_std": known.total,

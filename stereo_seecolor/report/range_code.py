@@ -237,25 +237,17 @@ def coded_heights(heights_m: Map) -> dict[str, Any]:
 
 def height_tiles(
     width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]
-) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(COLUMN_ROW, content) of all tiles with a known height. read: (left, top, width, height) ->
-    heights, NaN where unknown.
+) -> Iterator[tuple[str, tuple[int, int, int, int], dict[str, Any]]]:
+    """(COLUMN_ROW, box, content) of all tiles with a known height. read: box (left, top, width,
+    height) -> heights, NaN where unknown.
     """
-    for top in range(0, height, HEIGHT_CODE.tile_px):
-        for left in range(0, width, HEIGHT_CODE.tile_px):
-            heights_m = read(
-                (
-                    left,
-                    top,
-                    min(HEIGHT_CODE.tile_px, width - left),
-                    min(HEIGHT_CODE.tile_px, height - top),
-                )
-            )
+    size = HEIGHT_CODE.tile_px
+    for top in range(0, height, size):
+        for left in range(0, width, size):
+            box = left, top, min(size, width - left), min(size, height - top)
+            heights_m = read(box)
             if np.isfinite(heights_m).any():
-                yield (
-                    f"{left // HEIGHT_CODE.tile_px}_{top // HEIGHT_CODE.tile_px}",
-                    coded_heights(heights_m),
-                )
+                yield f"{left // size}_{top // size}", box, coded_heights(heights_m)
 
 
 def height_std_m(run: FinishedRun) -> float:

@@ -89,7 +89,7 @@ class RawMosaic:
         )
         found = self.rgba[rows, columns]
         colors = np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
-        return packed_colors(colors)
+        return packed_colors(colors, piece.rim)
 
 
 def painted_from(posed: PosedRun) -> list[str]:

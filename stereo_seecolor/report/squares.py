@@ -19,13 +19,12 @@ from stereo_seecolor.mapping.raster.reef_metrics import (
     ReefMetrics,
     roughness,
 )
+from stereo_seecolor.run_folder.posed_run import MATCH_PX
 
 Array = NDArray[np.float64]
 FILE = "reef_metrics.csv"
 DRAWS = 8
 """Of errors: standard errors are known to a quarter."""
-MATCH_PX = 3.0
-"""Errors of neighboring pixels are alike over about half a census window."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
 MAP = "map"
 CLOUD, MESH, MOSAIC, TERRAIN = "cloud.ply", "mesh.ply", "orthomosaic.tif", "dem.tif"
+GAPS = "gaps.tif"
 """Files in OUT/map that others read."""
 RIG, WATER, MEASURED_WATER = "rig.yaml", "water.json", "water_measured.json"
 FRAMES_TABLE, RUN, RECTIFIED_RIG = "frames.csv", "run.json", "rectified.yaml"
@@ -94,6 +95,8 @@ MAP_FILES: dict[str, str] = {
     "orthomosaic_preview.png": "the orthomosaic, small",
     MOSAIC: "the reef from above, GeoTIFF",
     TERRAIN: "heights, meters, GeoTIFF",
+    GAPS: "where heights are missing, and why: 1 not seen, 2 without a range, 3 too uncertain, 4 "
+    "views disagree, GeoTIFF",
     "reef_metrics.csv": "rugosity and other structure, for each square",
     "reef_metrics.tif": "the same as GeoTIFF",
 }

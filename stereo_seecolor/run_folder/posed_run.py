@@ -22,6 +22,8 @@ from stereo_seecolor.run_folder.finished_run import (
 from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
+MATCH_PX = 3.0
+"""Errors of neighboring pixels are alike over about half a census window."""
 SOME = 20
 """Frames that tell how large a pixel is."""
 
@@ -92,6 +94,11 @@ class PosedRun:
         depths_m = [self.geometry.depth_from_range(self.measured_range_m(frame)) for frame in some]
         known = [float(np.nanmedian(depth)) for depth in depths_m if np.isfinite(depth).any()]
         return float(np.median(known)) / self.geometry.focal_px if known else float("nan")
+
+    @property
+    def correlation_m(self) -> float:
+        """Distance on the bottom over which errors of heights are alike."""
+        return MATCH_PX * self.pixel_m
 
     @cached_property
     def T_camera_map(self) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import SurveyFrame, Water
-from stereo_seecolor.report.map_mesh import MeshSizes
+from stereo_seecolor.report.map_mesh import RIM_SHADE, MeshSizes
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -553,7 +553,7 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with a map in tiles: flat, of one color, seen by four frames from above."""
     out = tmp_path_factory.mktemp("mapped") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(1000, 2000))
+        patch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(1000, 2000))
         mapped_run(out)
     return out
 
@@ -572,13 +572,13 @@ def on_map(new_context: Callable[..., BrowserContext], mapped: Path) -> Iterator
     assert not complaints
 
 
-def mapped_run(out: Path, frames: Sequence[SurveyFrame] | None = None) -> None:
+def mapped_run(out: Path, frames: Sequence[SurveyFrame] | None = None, step_m: float = 0.3) -> None:
     write_run(out, frames or [flat_frame(i) for i in range(4)], PAIR)
     rows = [f"f{i},ok,0,,,{i},,\n" for i in range(4)]
     (out / "frames.csv").write_text(
         "name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows)
     )
-    write_tum(out.with_name("track.tum"), track(4))
+    write_tum(out.with_name("track.tum"), track(4, step_m=step_m))
     fuse(out, out.with_name("track.tum"), RunConfig(mapping=CONFIG))
     report(out)
 
@@ -622,6 +622,38 @@ def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Pag
     assert 1 <= found.count() <= 4
     found.first.click()
     expect(on_map.locator("#frames .frame-name")).to_be_visible()
+
+
+def blank_frame(i: int) -> SurveyFrame:
+    """Without ranges in the middle: 19 x 22 cm of the ground."""
+    frame = flat_frame(i)
+    frame.range_m[50:75, 65:95] = np.nan
+    return frame
+
+
+@pytest.mark.slow
+def test_a_gap_is_hatched_with_a_dark_edge_and_a_click_on_it_says_why(
+    new_context: Callable[..., BrowserContext], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    mapped_run(out, [blank_frame(i) for i in range(4)], step_m=0.0)
+    page = new_context().new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    solid = at_rest(page)
+    for view, middle in (("In three dimensions", (0.48, 0.33)), ("Mosaic", (0.5, 0.5))):
+        page.get_by_role("button", name=view).click()
+        at_rest(page)
+        box = box_of(page.locator(".map-stage"))
+        x, y = middle
+        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        expect(page.locator(".found")).to_contain_text("No range: images show the place")
+        expect(page.locator(".found .card").first).to_be_visible()
+        page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 0.7 * box["height"])
+        expect(page.locator(".found")).to_contain_text("frames saw this spot")
+    assert contrast(page.locator(".map-stage").screenshot()) > 30  # light and dark stripes
+    image = cv2.imdecode(np.frombuffer(solid, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    assert (abs(image - (FLAT_BGR - RIM_SHADE).clip(0)).max(axis=2) < 25).sum() > 100
 
 
 STRIPES_M, STRIPES_LEVELS = 0.02, 40
@@ -815,10 +847,61 @@ def test_measures_on_the_map_are_those_of_the_command_line(
     with on_map.expect_download() as saved:
         on_map.get_by_role("button", name="Save as CSV").click()
     saved.value.save_as(tmp_path / "points.csv")
-    for mine, theirs in zip(stored(on_map), measure(mapped, tmp_path / "points.csv"), strict=True):
-        assert mine["value"] == pytest.approx(theirs.value, rel=1e-3, abs=1e-5)
-        assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
-        assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
+    with on_map.expect_download() as saved:
+        on_map.get_by_role("button", name="Save to keep").click()
+    saved.value.save_as(tmp_path / "measures.json")
+    for name in ("points.csv", "measures.json"):
+        for mine, theirs in zip(stored(on_map), measure(mapped, tmp_path / name), strict=True):
+            assert mine["value"] == pytest.approx(theirs.value, rel=1e-3, abs=1e-5)
+            assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
+            assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
+            assert (mine.get("volume_l") or 0) == pytest.approx(theirs.volume_l or 0, abs=0.01)
+
+
+@pytest.mark.slow
+def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_them(
+    new_context: Callable[..., BrowserContext], mapped: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(mapped, out)
+
+    def opened(context: BrowserContext) -> Page:
+        page = context.new_page()
+        page.goto(f"{(out / 'index.html').as_uri()}#map")
+        page.locator(".map-stage canvas").wait_for()
+        page.get_by_role("button", name="Point", exact=True).click()
+        return page
+
+    def labels(page: Page) -> Locator:
+        return page.locator("#map .measures input.label")
+
+    mine = new_context()
+    tabs = [opened(mine), opened(mine)]
+    for number, tab in enumerate(tabs, 1):  # each measures, and labels what the other measured
+        until_drawn(tab)
+        box = box_of(tab.locator(".map-stage"))
+        tab.mouse.click(box["x"] + (0.4 + 0.05 * number) * box["width"], box["y"] + 300)
+        expect(labels(tab)).to_have_count(number)
+    expect(labels(tabs[0])).to_have_count(2)
+    labels(tabs[0]).nth(1).fill("Porites")
+    labels(tabs[1]).nth(0).fill("Acropora")
+    for tab in tabs:
+        expect(labels(tab).nth(0)).to_have_value("Acropora")
+        expect(labels(tab).nth(1)).to_have_value("Porites")
+    with tabs[0].expect_download() as saved:
+        tabs[0].get_by_role("button", name="Save to keep").click()
+    theirs = opened(new_context())
+    expect(labels(theirs)).to_have_count(0)
+    saved.value.save_as(out / "measures.json")
+    report(out)
+    theirs = opened(new_context())
+    expect(labels(theirs).nth(1)).to_have_value("Porites")
+    theirs.get_by_role("button", name="Delete measure 1").click()
+    theirs.reload()
+    theirs.get_by_role("button", name="Point", exact=True).click()
+    expect(labels(theirs)).to_have_count(1)
+    theirs.get_by_label("Load kept measures").set_input_files(out / "measures.json")
+    expect(labels(theirs)).to_have_count(2)
 
 
 def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Path) -> None:

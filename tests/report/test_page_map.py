@@ -3,6 +3,7 @@ made once.
 """
 
 import base64
+import tracemalloc
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -18,13 +19,14 @@ from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.mapping.surface.small_holes import boundary, closed
 from stereo_seecolor.report.map_images import levels, pyramid
-from stereo_seecolor.report.map_mesh import MeshSizes, Piece
-from stereo_seecolor.report.map_mesh import levels as mesh_levels
+from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
+from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, clustered
+from stereo_seecolor.report.mesh_levels import levels as made_levels
 from stereo_seecolor.report.range_code import coded_heights
 
 
 def hills(count: int = 60, seed: int = 0) -> Piece:
-    """A grid of triangles over hills, 1 cm apart, in no order."""
+    """A grid of triangles over hills, 1 cm apart, in no order; none of it is shaded as a rim."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:count, :count] * 0.01
     points = (
@@ -40,7 +42,18 @@ def hills(count: int = 60, seed: int = 0) -> Piece:
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     colors = rng.integers(0, 256, (len(points), 3)).astype(np.uint8)
-    return Piece(points[order], colors[order], rng.permutation(place[triangles]))
+    inner = np.zeros(len(points), bool)
+    return Piece(points[order], colors[order], rng.permutation(place[triangles]), inner)
+
+
+def whole(points_m: np.ndarray, colors: np.ndarray, triangles: np.ndarray) -> Piece:
+    """A piece that is all of a mesh."""
+    return Piece(points_m, colors, triangles, rim_of(triangles, len(points_m)))
+
+
+def mesh_levels(mesh: Piece, voxel_m: float, folder: Path) -> list[Level]:
+    source = MeshSource.of(mesh.points_m, mesh.colors, mesh.triangles)
+    return list(made_levels(source, voxel_m, folder))
 
 
 def unpacked(packed: dict[str, Any]) -> Piece:
@@ -62,7 +75,7 @@ def unpacked(packed: dict[str, Any]) -> Piece:
         indices.append(newest - back)
         newest += back == 0
     points = np.array(packed["low_m"]) + steps * packed["step_m"]
-    return Piece(points.astype(np.float32), colors, np.array(indices).reshape(-1, 3))
+    return whole(points.astype(np.float32), colors, np.array(indices).reshape(-1, 3))
 
 
 def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
@@ -105,6 +118,30 @@ def test_colors_are_a_step_of_two_off_at_most() -> None:
     assert abs(unpacked(mesh.packed(0.001)).colors.astype(int) - mesh.colors).max() <= 2
 
 
+def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+    mesh = replace(hills(), colors=np.full((3600, 3), 200, np.uint8))
+    at = np.rint(100 * (mesh.points_m[:, :2] - (5, -3))).astype(int)
+    hole = np.flatnonzero((at == 30).all(axis=1))
+    mesh = whole(
+        mesh.points_m, mesh.colors, mesh.triangles[~np.isin(mesh.triangles, hole).any(axis=1)]
+    )
+    border = (at == 0).any(axis=1) | (at == 59).any(axis=1)
+    x, y = (at - 30).T  # the two corners that no triangle joins to the hole's point stay apart
+    beside = (np.abs(x) <= 1) & (np.abs(y) <= 1) & (x * y != 1) & ((x != 0) | (y != 0))
+    assert (mesh.rim == border | beside).all()
+    finest = mesh_levels(mesh, 0.001, tmp_path)[0]  # the hole stays open
+    assert len(finest.boxes) > 4
+    shown = [tile.in_strips(0.01) for _, tile in finest.tiles()]
+    for tile in shown:
+        dark = unpacked(tile.packed(0.001)).colors[:, 0] < 150
+        assert (dark == tile.rim).all()
+    rims = np.unique(np.concatenate([tile.points_m[tile.rim] for tile in shown]), axis=0)
+    assert len(rims) == (border | beside).sum()
+
+
 def test_a_triangle_takes_five_bytes() -> None:
     mesh, count = hills(300), 2 * 299**2
     packed = mesh.in_strips(0.01).packed(0.01 / 16)
@@ -112,36 +149,60 @@ def test_a_triangle_takes_five_bytes() -> None:
 
 
 def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(300, 800))
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
     mesh = hills()
-    finest, *coarser = list(mesh_levels(mesh, 0.01))
-    assert finest[0] == 0.01
-    assert len(finest[1]) > 4
-    assert sum(len(tile.triangles) for tile in finest[1].values()) == len(mesh.triangles)
-    assert set.union(*(as_set(tile, 1e-4) for tile in finest[1].values())) == as_set(mesh, 1e-4)
-    assert [cell_m for cell_m, _, _ in coarser] == [
+    finest, *coarser = mesh_levels(mesh, 0.01, tmp_path)
+    assert finest.cell_m == 0.01
+    assert len(finest.boxes) > 4
+    assert finest.triangles == len(mesh.triangles)
+    assert set.union(*(as_set(tile, 1e-4) for _, tile in finest.tiles())) == as_set(mesh, 1e-4)
+    assert [level.cell_m for level in coarser] == [
         0.01 * 2**level for level in range(1, len(coarser) + 1)
     ]
-    assert sum(len(tile.triangles) for tile in coarser[-1][1].values()) <= 300
-    for (_, fine, _), (_, coarse, _) in zip([finest, *coarser], coarser, strict=False):
-        assert {(column // 2, row // 2) for column, row in fine} >= coarse.keys()
+    assert coarser[-1].triangles <= 300
+    for fine, coarse in zip([finest, *coarser], coarser, strict=False):
+        assert {(column // 2, row // 2) for column, row in fine.boxes} >= coarse.boxes.keys()
+        assert sum(len(tile.triangles) for _, tile in coarse.tiles()) == coarse.triangles
 
 
 @pytest.mark.slow
-def test_no_level_has_a_gap_that_the_whole_mesh_has_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_does_not_grow_with_the_map(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A map of sixteen times as many triangles, in the order in which a map is fused, takes hardly
+    more to be cut into tiles.
+    """
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(1000, 2000))
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.PART", 1000)
+    most = []
+    for count in (100, 400):
+        mesh = hills(count)
+        squares = np.floor(mesh.middles_m / 0.2)
+        triangles = mesh.triangles[np.lexsort(squares.T)]
+        tracemalloc.start()
+        found = mesh_levels(replace(mesh, triangles=triangles), 0.01, tmp_path / str(count))
+        most.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert found[0].triangles == len(triangles)
+    assert most[1] < 2.5 * most[0]
+
+
+@pytest.mark.slow
+def test_no_level_has_a_gap_that_the_whole_mesh_has_not(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Tiles of each level, as the page unpacks them, fit without cracks: all edges of an odd number
     of triangles are of the mesh's own boundary, moved by no more than its cells.
     """
-    monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(300, 800))
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
     mesh = hills()
     away = np.hypot(*(mesh.points_m[mesh.triangles].mean(axis=1)[:, :2] - (5.3, -2.7)).T)
     mesh = replace(mesh, triangles=mesh.triangles[away > 0.1])  # a gap of 20 cm
     rim = mesh.points_m[np.stack(boundary(mesh.triangles))].reshape(-1, 3)
-    for cell_m, tiles, _ in mesh_levels(mesh, 0.01):
+    for level in mesh_levels(mesh, 0.01, tmp_path):
+        cell_m = level.cell_m
         step_m = cell_m / 16
-        shown = [unpacked(tile.in_strips(cell_m).packed(step_m)) for tile in tiles.values()]
+        shown = [unpacked(tile.in_strips(cell_m).packed(step_m)) for _, tile in level.tiles()]
         points = np.concatenate([tile.points_m for tile in shown])
         counts = np.cumsum([0] + [len(tile.points_m) for tile in shown])
         triangles = np.concatenate(
@@ -176,7 +237,7 @@ def test_holes_that_one_voxel_leaves_are_closed_and_larger_ones_stay(edges: int)
     kept = ~many
     kept[few] = False
     open_mesh = replace(mesh, triangles=mesh.triangles[kept])
-    filled = open_mesh.without_small_holes(0.01)
+    filled = replace(mesh, triangles=closed(mesh.points_m, open_mesh.triangles, 0.01))
     assert len(filled.triangles) == kept.sum() + edges - 2
     a, b, c = (filled.points_m[corner] for corner in filled.triangles.T)
     assert np.sign(np.cross(b - a, c - a)[:, 2]).min() == 1
@@ -220,7 +281,9 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
 
 
 def test_a_coarse_mesh_lies_on_the_fine_one() -> None:
-    coarse = hills().clustered(0.03, hills().points_m[:, :2].min(axis=0))
+    mesh = hills()
+    part = Numbered(mesh.points_m, mesh.colors, np.arange(3600), mesh.rim, mesh.triangles)
+    coarse = clustered(part, 0.03, mesh.points_m.min(axis=0).astype(float))
     assert len(coarse.points_m) < 600
     x, y = coarse.points_m[:, 0] - 5, coarse.points_m[:, 1] + 3
     assert abs(coarse.points_m[:, 2] - 0.1 * np.sin(9 * x) * np.cos(7 * y)).max() < 0.01
@@ -261,7 +324,7 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
     first = {
         path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
     }
-    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights"}
+    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights", "gaps"}
     meshes = {"0_0_0.js", "textured_0_0_0.js"}
     assert {path.name for path in (out / "page/map").iterdir()} == meshes | folders
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())

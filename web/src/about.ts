@@ -38,7 +38,8 @@ export interface About {
   textured?: Record<string, Piece>; // the images on the surface; the first piece has the colors of its vertices
   mosaic?: Place;
   raw?: Place;
-  terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number };
+  gaps?: Place; // of the hatch over what has no height
+  terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number; correlation_m: number }; // over which errors of heights are alike
   squares: Squares | null;
   preview: string;
   offset_m: number[];

@@ -39,11 +39,13 @@ export class Cover {
     private readonly heights: Heights,
     private readonly changed: (spot_m: [number, number] | null) => void,
   ) {
-    try {
-      this.points = JSON.parse(localStorage.getItem(this.key) ?? "[]") as LabelledSpot[];
-    } catch {
-      this.points = []; // a browser that keeps nothing for files
-    }
+    this.points = this.stored();
+    addEventListener("storage", ({ key }) => {
+      if (key !== this.key) return;
+      this.points = this.stored(); // another tab of this browser has changed them
+      this.draw(false);
+      this.changed(this.current);
+    });
     const count = element("input", { type: "number", min: 10, max: MOST_POINTS, value: 100, "aria-label": text("cover.count") });
     this.label = element("input", { type: "text", list: "cover-labels", "aria-label": text("cover.label"), placeholder: text("cover.label") });
     this.label.addEventListener("focus", () => this.current && this.changed(this.current));
@@ -65,6 +67,14 @@ export class Cover {
       this.again,
     );
     this.draw(false);
+  }
+
+  private stored(): LabelledSpot[] {
+    try {
+      return JSON.parse(localStorage.getItem(this.key) ?? "null") as LabelledSpot[] | null ?? this.points;
+    } catch {
+      return this.points; // a browser that keeps nothing for files
+    }
   }
 
   private get key(): string {

@@ -1,5 +1,7 @@
 // The dive as page/dive.js hands it over.
 
+import type { Measure } from "./kept";
+
 export interface Geometry {
   focal_px: number;
   cx_left_px: number;
@@ -32,6 +34,7 @@ export interface Dive {
   problems_of: Record<string, number[]>;
   plots: Record<string, Record<string, Column>>;
   water: Record<string, unknown> | null; // as in water.json, where all frames share one
+  measures?: Measure[]; // of OUT/measures.json
   white_errors: (number | null)[] | null; // of its white point, red and blue over green, relative
 }
 

@@ -17,11 +17,13 @@ interface Packed {
   step_m: number;
   heights: string;
   known: string;
+  gaps?: string;
 }
 
 interface Tile {
   width: number;
   heights_m: Float32Array;
+  gaps: Uint8Array | null;
 }
 
 const received = new Map<string, Packed>();
@@ -61,10 +63,20 @@ export class Heights {
 
   /** The height of a cell in the map's own coordinates, NaN where it is unknown. */
   at(column: number, row: number): number {
+    const [tile, place] = this.placeOf(column, row);
+    return (tile?.heights_m[place] ?? NaN) - this.offset_m[2];
+  }
+
+  /** Why a cell has no height (Reason of stereo_seecolor/mapping/raster/gaps.py); 0 where it has one, or lies outside of the map. */
+  gap(column: number, row: number): number {
+    const [tile, place] = this.placeOf(column, row);
+    return tile?.gaps?.[place] ?? 0;
+  }
+
+  private placeOf(column: number, row: number): [Tile | undefined, number] {
     const tile = this.tiles.get(`${Math.floor(column / TILE_PX)}_${Math.floor(row / TILE_PX)}`);
-    if (!tile || column < 0 || row < 0) return NaN;
     const [x, y] = [column % TILE_PX, row % TILE_PX];
-    return x < tile.width ? (tile.heights_m[y * tile.width + x] ?? NaN) - this.offset_m[2] : NaN;
+    return tile && column >= 0 && row >= 0 && x < tile.width ? [tile, y * tile.width + x] : [undefined, 0];
   }
 
   private async tile(name: string): Promise<void> {
@@ -73,8 +85,8 @@ export class Heights {
     const packed = received.get(name);
     if (!packed) return;
     received.delete(name);
-    const [bytes, known] = await Promise.all([packed.heights, packed.known].map(inflated));
-    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed.width, packed.height, (code) => packed.low_m + code * packed.step_m) });
+    const [bytes, known, gaps = null] = await Promise.all([packed.heights, packed.known, ...(packed.gaps ? [packed.gaps] : [])].map(inflated));
+    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed.width, packed.height, (code) => packed.low_m + code * packed.step_m), gaps });
     if (this.tiles.size > MOST_KEPT) this.tiles.delete(this.tiles.keys().next().value as string);
   }
 }

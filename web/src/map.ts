@@ -5,10 +5,11 @@ import type { Dive, Text } from "./dive";
 import { picture } from "./dive";
 import { Cover } from "./cover";
 import { button, Choice, element, readable, select } from "./elements";
+import { gapAt, gapOnSight } from "./gaps";
 import { MapMeasuring, type Clicked } from "./mapmeasuring";
 import { Mosaic, type Flat } from "./mosaic";
 import { HEIGHT_COLORS, scaleBar } from "./scale";
-import { Scene } from "./scene";
+import { Scene, type Sight } from "./scene";
 import { seecolor } from "./shared";
 import { isVisible, sightings, type Sighting } from "./seen";
 import { drawSquares, span } from "./squares";
@@ -168,7 +169,7 @@ class MapView {
 
   private showScene(relief: boolean): void {
     try {
-      this.scene ??= new Scene(this.about, this.dive, this.text("map.label"), (hit) => this.clicked(hit), () => this.drawOver());
+      this.scene ??= new Scene(this.about, this.dive, this.text("map.label"), (hit) => this.clicked(hit), (sight) => void this.missed(sight), () => this.drawOver());
     } catch {
       this.stage.replaceChildren(element("p", { class: "empty" }, this.text("map.no_webgl")));
       return;
@@ -235,6 +236,15 @@ class MapView {
     else void this.seen(hit.spot_m);
   }
 
+  /** A click beside the reef in three dimensions: through a gap of it, perhaps. */
+  private async missed(sight: Sight): Promise<void> {
+    if (!this.measuring || this.measuring.isOn) return;
+    const all = Object.values(this.about.pieces);
+    const [low_m, high_m] = [Math.min(...all.map((each) => each.low_m[2])), Math.max(...all.map((each) => each.high_m[2]))];
+    const spot_m = await gapOnSight(this.measuring.ground.heights, sight, low_m, high_m);
+    if (spot_m) void this.seen(spot_m);
+  }
+
   private key(event: KeyboardEvent): void {
     const box = this.stage.getBoundingClientRect();
     if (!this.measuring?.key(event, this.at(box.left + box.width / 2, box.top + box.height / 2))) return;
@@ -265,12 +275,15 @@ class MapView {
     this.spot_m = spot_m;
     this.drawOver();
     const all = sightings(this.dive, spot_m);
+    const gap = this.measuring ? await gapAt(this.measuring.ground.heights, spot_m[0], spot_m[1]) : 0;
     const visible = await Promise.all(all.map((each) => isVisible(this.dive, each).catch(() => true)));
     if (turn !== this.turn) return;
     const shown = all.filter((_, i) => visible[i]);
     const place = spot_m.map((value, i) => (value + this.about.offset_m[i]).toFixed(2)).join(", ");
+    const heading = gap ? "map.gap" : shown.length ? "map.seen" : "map.unseen";
     this.found.replaceChildren(
-      element("h2", {}, this.text(shown.length ? "map.seen" : "map.unseen", { count: shown.length, place })),
+      element("h2", {}, this.text(heading, { count: shown.length, place })),
+      ...(gap ? [element("p", {}, this.text(`map.gap_${gap}`))] : []),
       element("div", { class: "found-frames" }, ...shown.map((each) => this.card(each))),
     );
   }

@@ -10,6 +10,7 @@ import type { MeasureTable } from "./measuretable";
 import { crossesItself, type Flat, type Vector } from "./outlines";
 import { drawProfile } from "./profile";
 import { Ground, type Spot } from "./terrain";
+import { volumeAbove } from "./volume";
 
 const SVG = "http://www.w3.org/2000/svg";
 const CLICK_PX = 0.5;
@@ -187,7 +188,9 @@ export class MapMeasuring {
     const [straight, surface, known] = this.values(spots, kind);
     const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
     const points = placed.map((each) => each.point_m);
-    return { frame: "", map: this.about.id, kind, label: "", places: [], points, clicks_m: placed.map((each) => each.click_m), known, ...both };
+    const volume = kind === "area" && surface ? volumeAbove(this.ground, spots, this.about.terrain?.correlation_m ?? 0) : null;
+    const inLiters = kind === "area" ? { volume_l: volume?.value ?? null, volume_std_l: volume && totalStd(volume, this.dive.calibration_std) } : {};
+    return { frame: "", map: this.about.id, kind, label: "", places: [], points, clicks_m: placed.map((each) => each.click_m), known, ...both, ...inLiters };
   }
 
   private values(spots: Spot[], kind: Kind): [Measured, Measured | null, number] {

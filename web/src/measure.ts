@@ -40,7 +40,7 @@ export interface Pick extends Placed {
 export interface Measured {
   value: number;
   std: number;
-  power: 0 | 1 | 2; // of lengths, with which it grows: so much of the calibration's error it takes
+  power: 0 | 1 | 2 | 3; // of lengths, with which it grows: so much of the calibration's error it takes
 }
 
 const UNKNOWN: Measured = { value: NaN, std: NaN, power: 2 };

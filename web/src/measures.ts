@@ -1,48 +1,39 @@
-// What was measured, kept in the browser: with undo, and written out for other programs.
+// What was measured, kept in the browser: with undo, shared by all tabs of it, and written out for other programs and browsers.
 
 import type { Dive } from "./dive";
+import type { Kind, Measure } from "./kept";
 import { CLICK_STD_PX } from "./measure";
 
-export type Kind = "point" | "length" | "area";
-
-/**
- * places: pixels of the rectified left image. points: the same in its camera, meters. value, std: meters or square meters.
- * On the map, frame is "", places are empty and points in the map's own coordinates; clicks_m: how well each was hit.
- */
-export interface Measure {
-  id: number;
-  frame: string;
-  map?: string;
-  kind: Kind;
-  label: string;
-  note?: string;
-  places: [number, number][];
-  points: number[][];
-  clicks_m?: number[];
-  value: number;
-  std: number;
-  known?: number; // fraction of an outline in which the surface is known
-  surface: number | null;
-  surface_std: number | null;
-}
+export type { Kind, Measure };
 
 const MOST_UNDONE = 100;
-const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "click_px", "click_m", "note"];
+const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "volume_l", "volume_std_l", "click_px", "click_m", "note"];
+
+const FORMAT = "stereo-seecolor measures 1";
+
+/** One change, to be taken back: a measure as it was before; null where there was none. */
+interface Step {
+  id: number;
+  before: Measure | null;
+}
 
 export class Measures {
   private all: Measure[] = [];
-  private readonly earlier: string[] = [];
+  private readonly steps: Step[] = [];
   private typed = ""; // the field of the last change, where that was typed
+  private kept = true; // false in a browser that keeps nothing for files: measures last as long as the page
 
   constructor(
     private readonly dive: Dive,
     private readonly changed: () => void,
   ) {
-    try {
-      this.all = JSON.parse(localStorage.getItem(this.key) ?? "[]") as Measure[];
-    } catch {
-      this.all = []; // a browser that keeps nothing for files: measures last as long as the page
-    }
+    this.all = this.stored();
+    this.add(dive.measures ?? [], true);
+    window.addEventListener("storage", ({ key }) => {
+      if (key !== this.key) return;
+      this.all = this.stored(); // another tab of this browser has changed it
+      this.changed();
+    });
   }
 
   private get key(): string {
@@ -54,51 +45,117 @@ export class Measures {
   }
 
   get canUndo(): boolean {
-    return this.earlier.length > 0;
+    return this.steps.length > 0;
   }
 
   /** Add a measure, or put it in the place of the one with its number. */
   put(measure: Omit<Measure, "id"> & { id?: number }): number {
-    const id = measure.id ?? 1 + Math.max(0, ...this.all.map((each) => each.id));
-    const made = { ...measure, id };
-    this.change(this.all.some((each) => each.id === id) ? this.all.map((each) => (each.id === id ? made : each)) : [...this.all, made]);
+    const all = this.stored();
+    const id = measure.id ?? nextId(all);
+    this.change(id, (before) => ({ ...measure, id, key: before?.key ?? newKey(), changed_ms: Date.now() }));
     return id;
   }
 
   remove(id: number): void {
-    this.change(this.all.filter((each) => each.id !== id));
+    this.change(id, () => null);
   }
 
   /** Keep what is typed, letter by letter; undo takes back all that was typed into a field in one go. */
   write(id: number, key: "label" | "note", typed: string): void {
     const field = `${id} ${key}`;
-    const to = this.all.map((each) => (each.id === id ? { ...each, [key]: typed } : each));
-    if (field === this.typed) this.set(to);
-    else this.change(to);
+    const changed = (before: Measure | null) => before && { ...before, [key]: typed, changed_ms: Date.now() };
+    if (field === this.typed) this.set(id, changed);
+    else this.change(id, changed);
     this.typed = field;
   }
 
   undo(): void {
     this.typed = "";
-    const before = this.earlier.pop();
-    if (before !== undefined) this.set(JSON.parse(before) as Measure[]);
+    const step = this.steps.pop();
+    if (step) this.set(step.id, () => step.before && { ...step.before, changed_ms: Date.now() });
   }
 
-  private change(to: Measure[]): void {
+  private change(id: number, to: (before: Measure | null) => Measure | null): void {
     this.typed = "";
-    this.earlier.push(JSON.stringify(this.all));
-    if (this.earlier.length > MOST_UNDONE) this.earlier.shift();
-    this.set(to);
+    this.steps.push({ id, before: this.stored().find((each) => each.id === id) ?? null });
+    if (this.steps.length > MOST_UNDONE) this.steps.shift();
+    this.set(id, to);
   }
 
-  private set(to: Measure[]): void {
-    this.all = to;
-    try {
-      localStorage.setItem(this.key, JSON.stringify(to));
-    } catch {
-      // nothing can be kept: the export still works
-    }
+  /** Change one measure of those that are kept now, whichever tab kept them. */
+  private set(id: number, to: (before: Measure | null) => Measure | null): void {
+    const all = this.stored();
+    const made = to(all.find((each) => each.id === id) ?? null);
+    this.keep([...all.filter((each) => each.id !== id), ...(made ? [made] : [])]);
     this.changed();
+  }
+
+  private stored(): Measure[] {
+    if (!this.kept) return this.all;
+    try {
+      return JSON.parse(localStorage.getItem(this.key) ?? "[]") as Measure[];
+    } catch {
+      this.kept = false;
+      return this.all;
+    }
+  }
+
+  private keep(all: Measure[]): void {
+    this.all = all.sort((a, b) => a.id - b.id);
+    try {
+      localStorage.setItem(this.key, JSON.stringify(this.all));
+    } catch {
+      this.kept = false; // the export still works
+    }
+  }
+
+  /** Take over measures of another browser: those not known here, and those changed later than here. once: none that was here before, and was deleted. */
+  private add(others: Measure[], once: boolean): number {
+    const all = this.stored();
+    const before = new Set(once ? this.taken() : []);
+    let count = 0;
+    for (const other of others) {
+      const own = all.findIndex((each) => each.key !== undefined && each.key === other.key);
+      if (own < 0 ? before.has(other.key ?? "") : (all[own].changed_ms ?? 0) >= (other.changed_ms ?? 0)) continue;
+      if (own >= 0) all[own] = { ...other, id: all[own].id };
+      else all.push({ ...other, id: all.some((each) => each.id === other.id) ? nextId(all) : other.id });
+      count++;
+    }
+    if (count) this.keep(all);
+    if (once && others.length) this.remember([...before, ...others.map((each) => each.key ?? "")]);
+    return count;
+  }
+
+  /** Measures of the page's own file that were taken over before: what was deleted since does not come back. */
+  private taken(): string[] {
+    try {
+      return JSON.parse(localStorage.getItem(`${this.key}/taken`) ?? "[]") as string[];
+    } catch {
+      return [];
+    }
+  }
+
+  private remember(keys: string[]): void {
+    try {
+      localStorage.setItem(`${this.key}/taken`, JSON.stringify([...new Set(keys)]));
+    } catch {
+      // nothing can be kept
+    }
+  }
+
+  /** All of it, for another browser, for ``report``, which shows what lies in OUT/measures.json, and for ``measure``. */
+  json(): string {
+    return JSON.stringify({ format: FORMAT, dive: this.dive.id, offset_m: this.dive.offset_m, measures: this.all }, null, 1);
+  }
+
+  /** Take over what ``json`` wrote; returns how many measures are new or changed. Throws an Error for another file, or one of another dive. */
+  load(text: string): number {
+    const content = JSON.parse(text) as { format?: string; dive?: string; measures?: Measure[] };
+    if (content.format !== FORMAT || !Array.isArray(content.measures)) throw new Error("not a file of measures");
+    if (content.dive !== this.dive.id) throw new Error("of another dive");
+    const count = this.add(content.measures, false);
+    this.changed();
+    return count;
   }
 
   /** A row for each point: what `stereo-seecolor measure` reads. */
@@ -108,7 +165,7 @@ export class Measures {
         ...[each.id, each.frame, each.kind, each.label, i],
         ...(each.frame ? each.places[i].map((pixels) => pixels.toFixed(2)) : ["", ""]),
         ...this.world(each, point).map((meters) => meters.toFixed(5)),
-        ...[each.value, each.std, each.surface, each.surface_std].map((value) => (value === null ? "" : value.toPrecision(6))),
+        ...[each.value, each.std, each.surface, each.surface_std, each.volume_l ?? null, each.volume_std_l ?? null].map((value) => (value === null ? "" : value.toPrecision(6))),
         ...[each.frame ? CLICK_STD_PX : "", each.clicks_m?.[i].toFixed(5) ?? "", each.note ?? ""],
       ]),
     );
@@ -128,9 +185,9 @@ export class Measures {
       const points = each.points.map((point) => (pose ? placed(pose, point).map((value, i) => value + this.dive.offset_m[i]) : this.world(each, point)));
       const shapes = { point: ["Point", points[0]], length: ["LineString", points], area: ["Polygon", [[...points, points[0]]]] };
       const [type, coordinates] = shapes[each.kind];
-      const { frame, kind, label, note = "", value, std, surface, surface_std, known = 1 } = each;
+      const { frame, kind, label, note = "", value, std, surface, surface_std, volume_l = null, volume_std_l = null, known = 1 } = each;
       const axes = onMap ? (this.dive.north ? "map: x east, y north, z up, meters" : "map: z up, where north lies is not known, meters") : "rectified left camera: x right, y down, z forward, meters";
-      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, known, axes } };
+      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, volume_l, volume_std_l, known, axes } };
     });
     return JSON.stringify({ type: "FeatureCollection", features }, null, 1);
   }
@@ -152,6 +209,9 @@ export class Measures {
     return head + rows.join("");
   }
 }
+
+const nextId = (all: Measure[]) => 1 + Math.max(0, ...all.map((each) => each.id));
+const newKey = () => `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
 
 /** A cell of a table: in quotes where it must be, and never a formula for a spreadsheet. */
 export function quoted(value: string | number): string {

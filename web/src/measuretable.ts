@@ -21,6 +21,7 @@ export class MeasureTable {
   private readonly rows = new Map<number, Row>();
   private readonly sums = element("tbody");
   private readonly summed: HTMLElement;
+  private readonly problem = element("output", { class: "readout" });
   private readonly watchers: (() => void)[] = [];
 
   constructor(
@@ -29,7 +30,7 @@ export class MeasureTable {
     private readonly look: (name: string) => void,
   ) {
     this.measures = new Measures(dive, () => this.draw());
-    const heads = ["label", "kind", "value", "surface", "frame", "note"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
+    const heads = ["label", "kind", "value", "surface", "volume", "frame", "note"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
     const exports = (["csv", "geojson", "viame"] as const).map((format) =>
       button(text(`measure.${format}`), () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, this.measures[format]())),
     );
@@ -39,7 +40,8 @@ export class MeasureTable {
       labelList("labels", Object.values(LABELS).flat()),
       element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("td"))), this.list)),
       this.summed,
-      element("div", { class: "toolbar" }, ...exports),
+      element("div", { class: "toolbar" }, ...exports, button(text("measure.json"), () => save("measures.json", this.measures.json())), this.fileField(), this.problem),
+      element("p", { class: "hint" }, text("measure.json_hint")),
       element("p", { class: "hint" }, dive.calibration),
     );
     this.draw();
@@ -48,6 +50,23 @@ export class MeasureTable {
   /** Call when a measure was added, changed or removed. */
   watch(changed: () => void): void {
     this.watchers.push(changed);
+  }
+
+  private fileField(): HTMLElement {
+    const file = element("input", { type: "file", accept: ".json,application/json" });
+    file.addEventListener("change", () => {
+      if (file.files?.[0]) void this.load(file.files[0]);
+      file.value = ""; // the same file can be chosen again
+    });
+    return element("label", { class: "field" }, element("span", {}, this.text("measure.load")), file);
+  }
+
+  private async load(file: File): Promise<void> {
+    try {
+      this.problem.textContent = this.text("measure.loaded", { count: this.measures.load(await file.text()) });
+    } catch (error) {
+      this.problem.textContent = `${file.name}: ${(error as Error).message}`;
+    }
   }
 
   private draw(): void {
@@ -91,7 +110,7 @@ export class MeasureTable {
     let frame = "";
     where.addEventListener("click", () => (frame ? this.look(frame) : (location.hash = "#map")));
     const [label, note] = [this.field(id, "label"), this.field(id, "note")];
-    const [kind, value, surface] = [0, 1, 2].map(() => element("td"));
+    const [kind, value, surface, volume] = [0, 1, 2, 3].map(() => element("td"));
     const remove = button("×", () => this.measures.remove(id), { "aria-label": this.text("measure.remove", { id }) });
     const cell = (shown: Node) => element("td", {}, shown);
     const show = (each: Measure) => {
@@ -99,10 +118,11 @@ export class MeasureTable {
       kind.textContent = `${id} ${this.text(`measure.${each.kind}`)}`;
       value.textContent = shown(each.value, each.std, each.kind);
       surface.textContent = each.surface === null ? "" : shown(each.surface, each.surface_std ?? NaN, each.kind) + this.partly(each);
+      volume.textContent = each.volume_l ? `${withError(each.volume_l, each.volume_std_l ?? NaN)} l` : "";
       where.textContent = frame || this.text("tab.map");
       for (const [field, text] of [[label, each.label], [note, each.note ?? ""]] as const) if (field.value !== text) field.value = text;
     };
-    return { root: element("tr", {}, cell(label), kind, value, surface, cell(where), cell(note), cell(remove)), show };
+    return { root: element("tr", {}, cell(label), kind, value, surface, volume, cell(where), cell(note), cell(remove)), show };
   }
 
   private partly({ known = 1 }: Measure): string {

@@ -52,10 +52,11 @@ export class Mosaic {
     const wanted = `${flat} ${hillshade}`;
     if (wanted === this.shown) return;
     this.shown = wanted;
-    const { mosaic, raw, terrain, preview } = this.about;
+    const { mosaic, raw, terrain, gaps, preview } = this.about;
     const place = { mosaic, raw, terrain }[flat];
     const layers = place ? [this.layer(flat, place)] : [{ tileSource: { type: "image", url: preview, crossOriginPolicy: false, buildPyramid: false } }];
     if (hillshade && terrain && place && flat !== "terrain") layers.push({ ...this.layer("hillshade", terrain), compositeOperation: "multiply" } as never);
+    if (gaps && place) layers.push(this.layer("gaps", gaps));
     this.viewer.open(layers as never);
   }
 

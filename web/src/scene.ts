@@ -43,6 +43,12 @@ export interface Hit {
   pixel_m: number;
 }
 
+/** The line of sight through a place of the window: where it begins, and its direction. */
+export interface Sight {
+  origin_m: number[];
+  direction: number[];
+}
+
 const SLANT = new Vector3(-0.25, -0.75, 0.85);
 const CENTERINGS = 4;
 const FULL = 0.98; // so much of the drawing's half width and height the whole map takes
@@ -76,6 +82,7 @@ export class Scene {
     dive: Dive,
     private readonly label: string,
     private readonly clicked: (hit: Hit) => void,
+    private readonly missed: (sight: Sight) => void,
     private readonly drawn: () => void,
   ) {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -195,13 +202,17 @@ export class Scene {
 
   /** The spot of the reef at a place of the window; null beside it. */
   at(clientX: number, clientY: number): Hit | null {
+    const hit = this.through(clientX, clientY).intersectObjects(this.detail.shown, false)[0];
+    if (!hit) return null;
+    return { spot_m: hit.point.toArray(), cell_m: this.detail.cell_m(hit.object), pixel_m: hit.distance / this.pixels };
+  }
+
+  private through(clientX: number, clientY: number): Raycaster {
     const box = this.root.getBoundingClientRect();
     const place = new Vector2(((clientX - box.left) / box.width) * 2 - 1, 1 - ((clientY - box.top) / box.height) * 2);
     const ray = new Raycaster();
     ray.setFromCamera(place, this.camera);
-    const hit = ray.intersectObjects(this.detail.shown, false)[0];
-    if (!hit) return null;
-    return { spot_m: hit.point.toArray(), cell_m: this.detail.cell_m(hit.object), pixel_m: hit.distance / this.pixels };
+    return ray;
   }
 
   /** How many pixels a meter is at a distance of a meter. */
@@ -268,6 +279,10 @@ export class Scene {
   private pick(event: MouseEvent): void {
     const hit = this.at(event.clientX, event.clientY);
     if (hit) this.clicked(hit);
+    else {
+      const { origin, direction } = this.through(event.clientX, event.clientY).ray;
+      this.missed({ origin_m: origin.toArray(), direction: direction.toArray() });
+    }
   }
 
   private addTrack(dive: Dive): void {

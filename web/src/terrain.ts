@@ -34,7 +34,7 @@ export class Ground {
     return this.heights.place.pixel_m;
   }
 
-  private get gap_m(): number {
+  get gap_m(): number {
     return Math.max(LAYER_CELLS * this.cell_m, LAYER_STDS * this.std_m);
   }
 

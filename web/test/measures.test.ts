@@ -14,6 +14,9 @@ const LENGTH: Omit<Measure, "id"> = {
 };
 const ON_MAP: Omit<Measure, "id"> = { ...LENGTH, frame: "", map: "m", kind: "point", label: "", places: [], points: [[1, 2, -3]], clicks_m: [0.01], surface: null, surface_std: null };
 
+/** Measures without their keys and times. */
+const plain = (list: readonly Measure[]) => list.map(({ key: _, changed_ms: __, ...each }) => each);
+
 beforeEach(() => localStorage.clear());
 
 test("measures are numbered, kept by the browser, and a removed number is not given to an older one", () => {
@@ -28,7 +31,7 @@ test("measures are numbered, kept by the browser, and a removed number is not gi
 test("every step can be taken back", () => {
   const measures = new Measures(DIVE, () => undefined);
   const before: string[] = [];
-  const remember = () => before.push(JSON.stringify(measures.list));
+  const remember = () => before.push(JSON.stringify(plain(measures.list)));
   remember();
   const id = measures.put(LENGTH);
   remember();
@@ -37,7 +40,7 @@ test("every step can be taken back", () => {
   measures.remove(id);
   while (measures.canUndo) {
     measures.undo();
-    assert.equal(JSON.stringify(measures.list), before.pop());
+    assert.equal(JSON.stringify(plain(measures.list)), before.pop());
   }
   assert.equal(before.length, 0);
 });
@@ -47,7 +50,7 @@ test("what is typed is kept letter by letter, and taken back in one go", () => {
   const id = measures.put({ ...LENGTH, label: "" });
   for (const typed of ["P", "Po", "Porites"]) measures.write(id, "label", typed);
   for (const typed of ["b", "bleached"]) measures.write(id, "note", typed);
-  assert.deepEqual(new Measures(DIVE, () => undefined).list, [{ ...LENGTH, id, label: "Porites", note: "bleached" }]);
+  assert.deepEqual(plain(new Measures(DIVE, () => undefined).list), [{ ...LENGTH, id, label: "Porites", note: "bleached" }]);
   measures.undo();
   assert.deepEqual([measures.list[0].label, measures.list[0].note], ["Porites", undefined]);
   measures.undo();
@@ -55,6 +58,48 @@ test("what is typed is kept letter by letter, and taken back in one go", () => {
   measures.write(id, "label", "A");
   measures.undo();
   assert.equal(measures.list[0].label, "");
+});
+
+test("two tabs keep what both measure and label, and each takes back its own", () => {
+  const tabs = [0, 1].map(() => new Measures(DIVE, () => undefined));
+  const tell = () => (globalThis as unknown as { tellOtherTabs: (key: string) => void }).tellOtherTabs("stereo-seecolor/dive");
+  const [first, second] = [tabs[0].put(LENGTH), tabs[1].put(ON_MAP)]; // without a word between them
+  assert.notEqual(first, second);
+  tabs[0].write(second, "label", "Acropora");
+  tabs[1].write(first, "note", "bleached");
+  tell();
+  for (const { list } of tabs) assert.deepEqual([list[0].note, list[1].label], ["bleached", "Acropora"]);
+  tabs[1].undo();
+  tabs[1].undo();
+  tell();
+  for (const { list } of tabs) assert.deepEqual(plain(list), [{ ...LENGTH, id: first }]);
+});
+
+test("measures go to another browser and back; the later change counts, and what was deleted there stays deleted", () => {
+  const here = new Measures(DIVE, () => undefined);
+  here.put(LENGTH);
+  here.put(ON_MAP);
+  const file = here.json();
+  localStorage.clear();
+  const there = new Measures({ ...DIVE, measures: JSON.parse(file).measures }, () => undefined);
+  assert.deepEqual(there.list, here.list);
+  there.write(2, "label", "Porites");
+  there.remove(1);
+  assert.equal(there.load(file), 1); // by hand: what was deleted comes back
+  assert.equal(there.list[1].label, "Porites");
+  there.remove(1);
+  const again = new Measures({ ...DIVE, measures: JSON.parse(file).measures }, () => undefined);
+  assert.deepEqual(again.list.map((each) => [each.id, each.label]), [[2, "Porites"]]);
+  const third = { ...JSON.parse(file).measures[0], id: 2, key: "of a third browser" };
+  assert.equal(again.load(JSON.stringify({ ...JSON.parse(file), measures: [third] })), 1);
+  assert.deepEqual(again.list.map((each) => each.id), [2, 3]);
+});
+
+test("a file of something else, or of another dive, is refused", () => {
+  const measures = new Measures(DIVE, () => undefined);
+  assert.throws(() => measures.load("{}"), /not a file of measures/);
+  assert.throws(() => measures.load("places,"), SyntaxError);
+  assert.throws(() => measures.load(new Measures({ ...DIVE, id: "other" }, () => undefined).json()), /of another dive/);
 });
 
 test("a table has a row for each point, in the map's world or the frame's camera", () => {

@@ -151,7 +151,7 @@ def measure(
         Path,
         typer.Argument(
             metavar="POINTS",
-            help="CSV of points as the page saves it: measure, frame, kind, label, x_px, y_px.",
+            help="CSV of measure, frame, kind, label, x_px, y_px, or the page's measures.json.",
         ),
     ],
     lengths: Annotated[

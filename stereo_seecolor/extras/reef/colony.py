@@ -101,7 +101,10 @@ def measure_outlines(
     def by_terrain(heights: Array) -> Array:
         parts = [(heights[windows[i]], masks[i][windows[i]]) for i in seen]
         return np.array(
-            [_above(own, inside, _rim(own, inside), terrain.grid.cell_m) for own, inside in parts]
+            [
+                above_rim(own, inside, rim_of(own, inside), terrain.grid.cell_m)
+                for own, inside in parts
+            ]
         ).ravel()
 
     grid = terrain.grid
@@ -128,7 +131,7 @@ def measure_outlines(
         )
         views = float(errors.views[known].mean())
         at = windows[i]
-        beneath_l = _ground_std_l(terrain.height_m[at], masks[i][at], terrain.grid.cell_m)
+        beneath_l = ground_std_l(terrain.height_m[at], masks[i][at], terrain.grid.cell_m)
         unseen_l = _unseen_volume_l(terrain, masks[i], at)
         height_m = np.hypot(error[0], _top_std_m(terrain.height_m[at], masks[i][at]))
         seen_std_l = float(np.linalg.norm([error[1], beneath_l, unseen_l]))
@@ -210,7 +213,7 @@ def _unseen_volume_l(terrain: Terrain, inside: Mask, window: tuple[slice, slice]
     Its mean may differ from that of the rest by the standard deviation of what was seen.
     """
     heights, own = terrain.height_m[window], inside[window]
-    above = (heights - _plane(heights, _rim(heights, own)))[own]
+    above = (heights - rim_plane(heights, rim_of(heights, own)))[own]
     if np.isfinite(above).all() or not np.isfinite(above).any():
         return 0.0
     return (
@@ -243,7 +246,7 @@ def overhang_l(mesh: SiteMesh, terrain: Terrain, mask: Mask, gap_m: float) -> fl
     if seen_m2 > SIDES_SEEN * expected_m2:
         return 0.0
     window = _window(mask)
-    rim = _rim(heights[window], mask[window])
+    rim = rim_of(heights[window], mask[window])
     ground_m = float(np.median(heights[window][rim])) if rim.any() else float("nan")
     above = heights[mask] - ground_m
     return 1000 * float(np.maximum(np.nan_to_num(above), 0).sum()) * terrain.grid.cell_m**2
@@ -255,21 +258,21 @@ def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
     return float(area_m2[mask[row, column]].sum())
 
 
-def _above(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:
+def above_rim(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:
     """Height, and volume in liters, above the plane through the rim."""
-    above = (heights - _plane(heights, rim))[inside]
+    above = (heights - rim_plane(heights, rim))[inside]
     seen = above[np.isfinite(above)]
     if not len(seen):
         return float("nan"), float("nan")
     return float(seen.max()), 1000 * float(seen.mean()) * float(inside.sum()) * cell_m**2
 
 
-def _ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:
+def ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:
     """Standard error of a volume by the ground beneath, which is not seen: on average it departs
     from the plane as the ground around does, as far as that is alike from cell to cell.
     """
-    rim = _rim(heights, inside)
-    off = np.where(rim, heights - _plane(heights, rim), np.nan)
+    rim = rim_of(heights, inside)
+    off = np.where(rim, heights - rim_plane(heights, rim), np.nan)
     pairs = np.concatenate([(off[1:] * off[:-1]).ravel(), (off[:, 1:] * off[:, :-1]).ravel()])
     alike = float(pairs[np.isfinite(pairs)].mean()) if np.isfinite(pairs).any() else float("nan")
     return 1000 * BENEATH * float(np.sqrt(max(alike, 0.0)) * inside.sum()) * cell_m**2
@@ -277,7 +280,7 @@ def _ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:
 
 def _top_std_m(heights: Array, inside: Mask) -> float:
     """Standard error of the highest place by what is smoothed away around it (``height_stds``)."""
-    above = np.where(inside, heights - _plane(heights, _rim(heights, inside)), np.nan)
+    above = np.where(inside, heights - rim_plane(heights, rim_of(heights, inside)), np.nan)
     if not np.isfinite(above).any():
         return float("nan")
     return OF_EXTREMES * float(
@@ -295,13 +298,13 @@ def _window(mask: Mask) -> tuple[slice, slice]:
     )
 
 
-def _rim(heights: Array, inside: Mask) -> Mask:
+def rim_of(heights: Array, inside: Mask) -> Mask:
     """The ground around an outline, where it was seen."""
     near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8)) > 0
     return np.asarray(near & ~inside & np.isfinite(heights))
 
 
-def _plane(heights: Array, rim: Mask) -> Array:
+def rim_plane(heights: Array, rim: Mask) -> Array:
     """(H, W) the plane through the ground of a rim; NaN where too little of that was seen."""
     rows, columns = np.nonzero(rim)
     if len(rows) < FEWEST_RIM_CELLS:

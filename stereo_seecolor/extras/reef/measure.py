@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,
@@ -27,11 +28,13 @@ from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
 from stereo_seecolor.files import csv_tables
 from stereo_seecolor.geometry import estimated_range_std_m
-from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.calibration_std import LIMITS, calibration_std
+from stereo_seecolor.report.kept_measures import KeptMeasures, read_kept_measures
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.range_code import height_std_m, std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.layout import MAP, TERRAIN
+from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
@@ -85,12 +88,14 @@ class Measurement:
     y_m: float | None = None
     z_m: float | None = None
     known: float | None = None
+    volume_l: float | None = None
+    volume_std_l: float | None = None
     note: str = ""
 
 
 def measure(out: Path, points: Path) -> list[Measurement]:
     """Measure what a table asks for: columns measure, frame, kind (point, length or area), label,
-    x_px, y_px; a row for each place.
+    x_px, y_px; a row for each place. A .json file holds measures that the page saved.
 
     Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the
     terrain. Rows with the same measure belong together, in their order. click_px and click_m, if
@@ -103,10 +108,12 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     wanted = read_wanted(points)
     surfaces: dict[str, FrameSurface] = {}
     ground = ground_of(run) if any(not each.frame for each in wanted) else None
+    outlined = any(not each.frame and each.kind == "area" for each in wanted)
+    correlation_m = open_posed_run(out).correlation_m if outlined else 0.0
     results, calibration = [], calibration_std(run).total
     for each in wanted:
         if not each.frame and ground is not None:
-            results.append(measured_on_map(ground, each, calibration))
+            results.append(measured_on_map(ground, each, calibration, correlation_m))
             continue
         if each.frame not in surfaces:
             # tables are sorted by frame: one is kept
@@ -155,9 +162,11 @@ def ground_of(run: FinishedRun) -> Ground:
     )
 
 
-def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
+def measured_on_map(
+    ground: Ground, wanted: Wanted, calibration: float, correlation_m: float
+) -> Measurement:
     """Measure one thing on the map. calibration: relative standard error of a length by the
-    calibration.
+    calibration. correlation_m: distance over which errors of heights are alike.
     """
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     spots: list[Spot] = []
@@ -181,8 +190,11 @@ def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measu
     on_ground, known = _on_ground(ground, wanted.kind, spots)
     if on_ground is None:
         return measurement
+    volume = volume_above(ground, spots, correlation_m) if wanted.kind == "area" else None
     return replace(
         measurement,
+        volume_l=volume.value if volume else None,
+        volume_std_l=volume.total_std(calibration) if volume else None,
         surface=on_ground.value,
         surface_std=on_ground.total_std(calibration),
         known=known,
@@ -259,9 +271,11 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
 
 
 def read_wanted(path: Path) -> list[Wanted]:
-    """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming
-    the line, if it is bad.
+    """Read a table of places, a CSV, in which rows with the same measure are one; or measures that
+    the page saved (.json). Raises InputError, naming the line, if it is bad.
     """
+    if path.suffix.lower() == ".json":
+        return _of_page(read_kept_measures(path), path)
     names = csv_tables.header(path)
     places = (
         FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
@@ -289,6 +303,24 @@ def read_wanted(path: Path) -> list[Wanted]:
                 "in order around it"
             )
     return list(found.values())
+
+
+def _of_page(kept: KeptMeasures, path: Path) -> list[Wanted]:
+    """What to measure again of what the page saved. Raises InputError."""
+    found = []
+    for each in kept.measures:
+        kind = next((kind for kind in LEAST_POINTS if kind == each.kind), None)
+        if kind is None or len(each.points) < LEAST_POINTS[kind]:
+            raise InputError(f"{path}: measure {each.id} is damaged: save it again on the page")
+        about = str(each.id), each.frame, kind, each.label
+        if each.frame:
+            clicks_px = (LIMITS.click_std_px,) * len(each.places)
+            found.append(Wanted(*about, tuple(each.places), clicks_px=clicks_px))
+            continue
+        world = np.array(each.points) + kept.offset_m
+        spots = zip(*world.T.tolist(), each.clicks_m or (), strict=True)
+        found.append(Wanted(*about, (), tuple(spots)))
+    return found
 
 
 def _joined(earlier: Wanted, later: Wanted) -> Wanted:

@@ -118,8 +118,8 @@ def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np
 def write_geotiff(
     path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()
 ) -> Path:
-    """Write a raster as a tiled, compressed GeoTIFF with overviews: float32 with NaN as nodata, or
-    uint8 RGBA with alpha; return the path.
+    """Write a raster as a tiled, compressed GeoTIFF with overviews: float32 with NaN as nodata,
+    uint8 RGBA with alpha, or one band of uint8 codes with 0 as nodata; return the path.
 
     Coordinates are the world's; without an origin on Earth they are its meters, in a local system.
     """
@@ -127,6 +127,7 @@ def write_geotiff(
     from rasterio.enums import ColorInterp, Resampling
 
     grid, floating = raster.grid, raster.dtype == np.float32
+    codes = not floating and raster.bands == 1
     west_m, north_m = (
         grid.west_m + float(place.offset_m[0]),
         grid.north_m + float(place.offset_m[1]),
@@ -140,7 +141,7 @@ def write_geotiff(
         "bigtiff": "if_safer", "sparse_ok": grid.shape[0] * grid.shape[1] > SPARSE_FROM_PIXELS,
         "crs": crs_wkt(place.origin) if place.origin else LOCAL_WKT,
         "transform": rasterio.Affine(grid.cell_m, 0, west_m, 0, -grid.cell_m, north_m),
-        "nodata": np.nan if floating else None,
+        "nodata": np.nan if floating else 0 if codes else None,
     }  # fmt: skip
     with atomic_path(path) as temporary:
         with rasterio.open(temporary, "w", **profile) as file:
@@ -149,7 +150,7 @@ def write_geotiff(
                     raster.read(rows, columns),
                     window=((rows.start, rows.stop), (columns.start, columns.stop)),
                 )
-            if not floating:
+            if not floating and not codes:
                 file.colorinterp = [
                     ColorInterp.red,
                     ColorInterp.green,
@@ -163,7 +164,7 @@ def write_geotiff(
         factors = [f for f in (2, 4, 8, 16, 32) if min(grid.shape) // f >= 128]
         if factors:
             with rasterio.open(temporary, "r+") as file:
-                file.build_overviews(factors, Resampling.average)
+                file.build_overviews(factors, Resampling.mode if codes else Resampling.average)
     return path
 
 

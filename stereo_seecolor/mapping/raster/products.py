@@ -16,6 +16,7 @@ from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.gaps import render_gaps
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic import render_mosaic
@@ -34,12 +35,13 @@ Surfaces = Callable[[], Iterable[Surface]]
 @dataclass(frozen=True, eq=False)
 class Rasters:
     """The rasters of a map, each on its own grid: heights (1, H, W), colors (4, H, W), metrics (M,
-    H, W).
+    H, W); gaps (1, H, W), on that of the heights.
     """
 
     terrain: BlockRaster
     mosaic: BlockRaster
     squares: BlockRaster
+    gaps: BlockRaster
 
     @classmethod
     def render(
@@ -58,7 +60,8 @@ class Rasters:
             mosaic = render_mosaic(
                 component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic"
             )
-        return cls(terrain, mosaic, squares.result())
+        gaps = render_gaps(component, terrain, config.voxel_edge_m, scratch / "gaps")
+        return cls(terrain, mosaic, squares.result(), gaps)
 
     @property
     def area_m2(self) -> float:
@@ -87,6 +90,7 @@ def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterat
         works += [
             partial(write, folder / "dem.tif", rasters.terrain, place, ("height_m",)),
             partial(write, folder / "orthomosaic.tif", rasters.mosaic, place),
+            partial(write, folder / "gaps.tif", rasters.gaps, place, ("reason",)),
             partial(
                 write, folder / "reef_metrics.tif", rasters.squares, place, ReefMetrics.names()
             ),

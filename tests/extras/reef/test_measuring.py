@@ -4,7 +4,9 @@ reef's known truth.
 
 import csv
 import io
+import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,6 +18,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
     length_along,
@@ -28,6 +31,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
+from stereo_seecolor.mapping.raster.noise import spread_of
 from stereo_seecolor.report.calibration_std import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -238,6 +242,52 @@ def test_at_the_edge_of_a_coral_its_top_is_measured(offset_cells: int) -> None:
     heights_m = np.where(np.arange(120) < 60, -1.5, -2.0)[None, :] * np.ones((80, 1))
     (spot,) = spots(ground(heights_m), (5 + 0.01 * (59.5 + offset_cells), 2.5))
     assert spot.point_m[2] == pytest.approx(-1.5 if offset_cells < 2 else -2.0, abs=1e-4)
+
+
+BUMP_M, BUMP_HEIGHT_M, STD_M, ALIKE_M = 0.15, 0.06, 0.004, 0.02
+
+
+def bump_on_a_slope() -> tuple[Ground, list[Spot]]:
+    """A paraboloid on a plane, and an outline around it."""
+    y, x = (np.mgrid[:60, :60] + 0.5) * 0.01
+    far = np.hypot(x - 0.3, y - 0.3)
+    bump = BUMP_HEIGHT_M * np.maximum(1 - (far / BUMP_M) ** 2, 0)
+    ground = Ground((0.3 * x - 0.1 * y + bump).astype(np.float32), 5.0, 3.0, 0.01, STD_M)
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    corners = np.column_stack([5.3 + 0.17 * np.cos(turn), 2.7 + 0.17 * np.sin(turn)])
+    return ground, [
+        spot for x, y in corners.tolist() if (spot := ground.pick(x, y, None, 0.0)) is not None
+    ]
+
+
+def test_a_volume_is_that_of_a_paraboloid_and_its_error_that_of_heights() -> None:
+    ground, spots = bump_on_a_slope()
+    volume = volume_above(ground, spots, ALIKE_M)
+    assert volume is not None and volume.power == 3
+    assert volume.value == pytest.approx(500 * np.pi * BUMP_M**2 * BUMP_HEIGHT_M, rel=0.02)
+
+    def measured(heights_m: np.ndarray) -> np.ndarray:
+        moved = replace(ground, heights_m=heights_m.astype(np.float32))
+        found = volume_above(moved, spots, ALIKE_M)
+        assert found is not None
+        return np.array([found.value])
+
+    heights = ground.heights_m.astype(np.float64)
+    spread = spread_of(measured, heights, np.full_like(heights, STD_M), ALIKE_M / ground.cell_m)
+    assert volume.std == pytest.approx(spread[0], rel=0.4)  # 24 draws know it to 15 %
+
+
+def test_a_hollow_has_no_volume_and_steps_make_one_uncertain() -> None:
+    ground, spots = bump_on_a_slope()
+    assert volume_above(replace(ground, heights_m=-ground.heights_m), spots, ALIKE_M) is None
+    table = ground.heights_m.copy()
+    table[15:45, 15:45] += 0.2
+    corners = [(5.15, 2.85), (5.45, 2.85), (5.45, 2.55), (5.15, 2.55)]
+    ground = replace(ground, heights_m=table)
+    spots = [spot for corner in corners if (spot := ground.pick(*corner, None, 0.0))]
+    volume = volume_above(ground, spots, ALIKE_M)
+    assert volume is not None
+    assert volume.std == pytest.approx(volume.value / np.sqrt(3), rel=0.1)
 
 
 def test_what_stands_over_the_ground_has_no_length_along_it() -> None:
@@ -459,6 +509,46 @@ def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None
         InputError, match=r"has no column 'measure': give the columns measure, frame"
     ):
         measure(out, tmp_path / "points.csv")
+
+
+DAMAGED = json.dumps(
+    {
+        "format": "stereo-seecolor measures 1",
+        "dive": "d",
+        "offset_m": [0, 0, 0],
+        "measures": [
+            {
+                "id": 3,
+                "frame": "",
+                "kind": "point",
+                "label": "",
+                "places": [],
+                "points": [[0, 0, 0]],
+            }
+        ],
+    }
+)
+"""A point of the map without how well it was hit."""
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{}", "is not a file of measures as the page saves it"),
+        ("[1]", "is not a file of measures as the page saves it"),
+        ('{"format": "stereo-seecolor measures 1"}', "dive: "),
+        (
+            DAMAGED,
+            "measure 3 is damaged",
+        ),
+    ],
+)
+def test_a_file_of_measures_that_cannot_be_used_is_named(
+    out: Path, tmp_path: Path, content: str, message: str
+) -> None:
+    (tmp_path / "measures.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        measure(out, tmp_path / "measures.json")
 
 
 @pytest.mark.slow

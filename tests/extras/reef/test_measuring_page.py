@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibration import RectifiedPair
+from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
     crosses_itself,
@@ -25,11 +26,19 @@ LONG = [(20.0, 30.0), (30.0, 110.0)]
 BESIDE = (51.5, 64.0)
 """A place of the bottom two pixels beside something near."""
 CORNERS = [(0.12, 0.92), (0.85, 0.9), (0.8, 0.2), (0.15, 0.1)]
+OUTLINES = [
+    [(0.12, 0.88), (0.88, 0.86), (0.85, 0.12), (0.2, 0.15)],
+    [(0.31, 0.7), (0.7, 0.69), (0.68, 0.3), (0.44, 0.32)],
+    [(0.05, 0.12), (0.2, 0.12), (0.2, 0.03)],
+]
+"""Around the dome with the hole beside it; across the dome; of bare ground."""
+CORRELATION_M = 0.03
 PROGRAM = """
 import { readFileSync } from "node:fs";
 import { alongSurface, lengthAlong, nearer, offInFrame, pick, surfaceArea } from "./src/measure";
 import { crossesItself } from "./src/outlines";
 import { Ground } from "./src/terrain";
+import { volumeAbove } from "./src/volume";
 const given = JSON.parse(readFileSync(0, "utf8"));
 const known = (values) => Float32Array.from(values, (each) => (each === null ? NaN : each));
 const ranges = { ...given.ranges, range_m: known(given.ranges.range_m), std_m: known(given.ranges.std_m) };
@@ -51,6 +60,7 @@ console.log(JSON.stringify({
   length: lengthAlong(alongSurface(ranges, given.pair, [given.long[0], given.long[1]].map(at)), offInFrame),
   map: ground.area(spots),
   map_length: ground.length(spots.slice(0, 2)),
+  volumes: given.outlines.map((each) => volumeAbove(ground, each.map(([x, y]) => ground.pick(x, y, null, 0.002)), given.correlation_m)),
 }));
 """  # noqa: E501
 
@@ -113,7 +123,8 @@ def page(web: Path) -> dict:
         "beside": BESIDE,
         "long": LONG,
     }
-    text = json.dumps({**given, "corners": CORNERS}).replace("NaN", "null")
+    given |= {"corners": CORNERS, "outlines": OUTLINES, "correlation_m": CORRELATION_M}
+    text = json.dumps(given).replace("NaN", "null")
     run = subprocess.run(
         ["node", "--input-type=module", "-e", built],
         input=text,
@@ -166,6 +177,23 @@ def test_an_area_on_the_map_is_the_same(page: dict) -> None:
         "power": 2,
     }
     assert page["map"][1] == pytest.approx(found[1])
+
+
+def test_a_volume_on_the_map_is_the_same(page: dict) -> None:
+    ground, found = reef(), []
+    for outline in OUTLINES:
+        spots = [spot for corner in outline if (spot := ground.pick(*corner, None, 0.002))]
+        found.append(volume_above(ground, spots, CORRELATION_M))
+    assert found[0] is not None and found[1] is not None
+    for volume, shown in zip(found, page["volumes"], strict=True):
+        assert shown == (
+            volume
+            and {
+                "value": pytest.approx(volume.value, rel=1e-6),
+                "std": pytest.approx(volume.std, rel=1e-5),
+                "power": 3,
+            }
+        )
 
 
 def test_steps_and_outlines_that_cross_themselves_are_refused_by_both(page: dict) -> None:

@@ -1,0 +1,64 @@
+"""What was measured on the page and kept beside it: OUT/measures.json, which the page saves, and
+which is a user's own file.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.text_documents import read_json
+
+FILE = "measures.json"
+FORMAT = "stereo-seecolor measures 1"
+
+
+@dataclass(frozen=True)
+class KeptMeasure:
+    """One measure, as the page keeps it (web/src/kept.ts): of a frame, or of the map where frame is
+    "".
+
+    places: pixels of the frame. points: meters in its camera, or in the map's own coordinates.
+    clicks_m: how well each point of the map was hit.
+    """
+
+    id: int
+    frame: str
+    kind: str
+    label: str
+    places: list[tuple[float, float]]
+    points: list[tuple[float, float, float]]
+    clicks_m: list[float] | None = None
+
+
+@dataclass(frozen=True)
+class KeptMeasures:
+    """The content of such a file. dive: identifies the dive. offset_m: of the map's own coordinates
+    in the world. content: the measures with all that the page knows of them.
+    """
+
+    dive: str
+    offset_m: tuple[float, float, float]
+    measures: list[KeptMeasure]
+    content: list[dict[str, Any]]
+
+
+def read_kept_measures(path: Path) -> KeptMeasures:
+    """Read what the page saved. Raises InputError for a file of something else."""
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputError(f"{path}: is not a file of measures as the page saves it")
+    try:
+        read = TypeAdapter(KeptMeasures).validate_python(
+            {**content, "content": content.get("measures")}
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {where}: {first['msg']}: save it again on the page") from error
+    for each in read.measures:
+        if len(each.places if each.frame else each.clicks_m or ()) != len(each.points):
+            raise InputError(f"{path}: measure {each.id} is damaged: save it again on the page")
+    return read
