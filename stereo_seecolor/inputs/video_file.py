@@ -25,17 +25,23 @@ SOUND_RATE_HZ = 8000
 """Enough for voices, clicks and motors; a sample is 0.1 ms."""
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if
-    PyAV is missing.
-    """
+def video_library() -> Any:
+    """PyAV. Raises DeviceError if it is missing."""
     try:
         import av
     except ImportError as error:
         raise DeviceError(
             "videos need a library that is missing (av): pip install -c constraints.txt '.[video]'"
         ) from error
+    return av
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if
+    PyAV is missing.
+    """
+    av = video_library()
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a video")

@@ -21,6 +21,25 @@ STORES = {".bag": get_typestore(Stores.ROS1_NOETIC)} | dict.fromkeys(
 STORES[".bag"].register(
     get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
 )
+VIDEO, PACKET = "foxglove_msgs/msg/CompressedVideo", "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+for _suffix, _store in ((".bag", STORES[".bag"]), (".mcap", STORES[".mcap"])):
+    _store.register(
+        get_types_from_msg(
+            "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format", VIDEO
+        )
+    )
+    _first = (
+        "uint8[] data\nint32 img_width\nint32 img_height\nstring encoding\nuint64 pts\nuint8 flags"
+    )
+    _now = (
+        "int32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\n"
+        "uint8[] data"
+    )
+    _store.register(
+        get_types_from_msg(
+            f"std_msgs/Header header\n{_first if _suffix == '.bag' else _now}", PACKET
+        )
+    )
 START_NS, STEP_NS = 1_700_000_000_123_456_789, 250_000_000
 LEFT, RIGHT = "/stereo/left", "/stereo/right"
 
@@ -70,6 +89,8 @@ def _message(store: Any, sent: Sent, is_ros1: bool) -> Any:
         **({"seq": 0} if is_ros1 else {}), stamp=time, frame_id=sent.frame
     )
     fields = {**({} if sent.type.endswith("TFMessage") else {"header": header}), **sent.fields}
+    if sent.type == VIDEO:
+        fields = {"timestamp": time, "frame_id": sent.frame, **sent.fields}
     if sent.type.endswith("CameraInfo"):
         roi = store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         fields |= {"binning_x": 0, "binning_y": 0, "roi": roi}
@@ -98,6 +119,24 @@ def compressed(
         stamp_ns,
         {"format": format, "data": np.frombuffer(content, np.uint8)},
     )
+
+
+def coded_picture(
+    suffix: str, kind: str, topic: str, stamp_ns: int, content: bytes, arrival_ns: int = 0
+) -> Sent:
+    """A picture of a video in H.264. kind: VIDEO, PACKET, or else a CompressedImage."""
+    data = np.frombuffer(content, np.uint8)
+    if kind == VIDEO:
+        return Sent(topic, VIDEO, stamp_ns, {"data": data, "format": "h264"}, arrival_ns)
+    if kind == PACKET:
+        size = ("img_width", "img_height") if suffix == ".bag" else ("width", "height")
+        fields = {**dict.fromkeys(size, 0), "encoding": "h264;yuv420p;bgr8;bgr8", "pts": 0}
+        order = {} if suffix == ".bag" else {"is_bigendian": False}
+        return Sent(
+            topic, PACKET, stamp_ns, {**fields, "flags": 0, **order, "data": data}, arrival_ns
+        )
+    fields = {"format": "h264", "data": data}
+    return Sent(topic, "sensor_msgs/msg/CompressedImage", stamp_ns, fields, arrival_ns)
 
 
 def make(suffix: str, name: str, *values):

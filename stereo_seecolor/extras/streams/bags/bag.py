@@ -11,6 +11,11 @@ from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.streams.bags import files
+from stereo_seecolor.extras.streams.bags.foxglove import (
+    FOXGLOVE_IMAGE,
+    FOXGLOVE_VIDEO,
+    foxglove_stamp_ns,
+)
 from stereo_seecolor.extras.streams.bags.source import (
     ZSTD_MAGIC,
     Channel,
@@ -32,6 +37,16 @@ IMAGE, COMPRESSED, CAMERA_INFO = (
     "sensor_msgs/msg/CompressedImage",
     "sensor_msgs/msg/CameraInfo",
 )
+IMAGES = (IMAGE, COMPRESSED, FOXGLOVE_IMAGE)
+"""Types whose messages are images by themselves."""
+VIDEOS = (
+    "foxglove_msgs/msg/CompressedVideo",
+    FOXGLOVE_VIDEO,
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+)
+"""Types whose messages are pictures of a video."""
+COMPRESSED_IMAGES = (COMPRESSED, FOXGLOVE_IMAGE)
+"""Types whose messages are either, by the format that they state."""
 POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -56,7 +71,7 @@ UNPACKED_BY = {
 }
 """First bytes of a compressed file -> the program that unpacks it."""
 
-INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
+INDEXED = frozenset({*IMAGES, *VIDEOS, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
 """Of these each message's place is kept, some hundred bytes; the others are counted."""
 
 THINNED = frozenset({IMU, PRESSURE})
@@ -151,7 +166,7 @@ def open_bag(path: Path) -> Bag:
     Raises InputError if it is missing, no bag, or holds no message that can be read; DeviceError if
     a library is missing.
     """
-    files = _files(path)
+    files = files_of(path)
     problems: list[str] = []
     unstamped: Counter[str] = Counter()
     gathered: dict[tuple[str, str], _Gathered] = {}
@@ -253,22 +268,26 @@ def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
 
 def _stamp_ns(message: Message, path: Path) -> int:
     """The time in a message's header, nanoseconds; 0 where there is none. ROS 1 and CDR have it at
-    the same place.
+    the same place, but for a ROS 1 message that begins with it.
     """
+    channel = message.channel
     try:
-        head = message.head(HEAD_BYTES)
+        head = message.head(message.place.size if channel.encoding == "json" else HEAD_BYTES)
         if head.startswith(ZSTD_MAGIC):
             head = payload(path, message.place)
     except (Cut, InputError):
         return 0
-    big_endian = message.channel.encoding == "cdr" and len(head) > 1 and not head[1] & 1
+    if channel.encoding in ("protobuf", "json"):
+        return foxglove_stamp_ns(head, channel.encoding)
+    big_endian = channel.encoding == "cdr" and len(head) > 1 and not head[1] & 1
     if len(head) < 12:
         return 0
-    seconds, nanoseconds = struct.unpack_from(">II" if big_endian else "<II", head, 4)
+    start = 0 if (channel.encoding, channel.msgtype) == ("ros1", VIDEOS[0]) else 4
+    seconds, nanoseconds = struct.unpack_from(">II" if big_endian else "<II", head, start)
     return int(seconds * 10**9 + nanoseconds) if nanoseconds < 10**9 else 0
 
 
-def _files(path: Path) -> Sequence[Path]:
+def files_of(path: Path) -> Sequence[Path]:
     """The files of a bag, in their order. Raises InputError."""
     if not path.exists():
         raise InputError(f"{path}: the bag does not exist")

@@ -3,10 +3,10 @@ camera_info as the rig.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -17,11 +17,24 @@ from numpy.typing import NDArray
 from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
+from stereo_seecolor.extras.streams.bags.bag import (
+    IMAGES,
+    VIDEOS,
+    Bag,
+    Topic,
+    files_of,
+    open_bag,
+)
+from stereo_seecolor.extras.streams.bags.coded_video import (
+    CodedVideo,
+    open_video,
+    starts_in_the_middle,
+)
 from stereo_seecolor.extras.streams.bags.messages import (
     between,
     camera_info,
     decode,
+    frame_of,
     image_content,
     image_suffix,
     rig_of,
@@ -105,13 +118,17 @@ class BagDive:
 class _Images(Container):
     """The images in one file of a bag, by their names."""
 
-    entries: dict[str, Entry]
+    contents: dict[str, Callable[[], bytes]]
     path: Path
 
     def read(self, name: str) -> bytes:
-        if name not in self.entries:
+        if name not in self.contents:
             raise InputError(f"{self.path}: holds no image {name}")
-        return image_content(self.entries[name])
+        return self.contents[name]()
+
+
+_Contents = dict[Path, dict[str, Callable[[], bytes]]]
+"""File of a bag -> name of an image in it -> what makes its content."""
 
 
 def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
@@ -123,9 +140,17 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
     given = parse_topics(topics)
     bag = open_bag(path)
     sides = side_topics(bag, given)
-    images: dict[Path, dict[str, Entry]] = defaultdict(dict)
-    lefts, rights = (_files_of(topic, images) for topic in (sides.left, sides.right))
-    open_containers({file: _Images(entries, file) for file, entries in images.items()})
+    videos = [open_video(bag, topic) for topic in (sides.left, sides.right)]
+    left, right = (
+        video.topic if video else topic
+        for video, topic in zip(videos, (sides.left, sides.right), strict=True)
+    )
+    sides = replace(sides, left=left, right=right)
+    images: _Contents = defaultdict(dict)
+    lefts, rights = (
+        _files_of(topic, images, video) for topic, video in zip((left, right), videos, strict=True)
+    )
+    open_containers({file: _Images(contents, file) for file, contents in images.items()})
     untimed = (
         " (headers hold no time; the times of recording are used)"
         if sides.left.name in bag.unstamped
@@ -135,27 +160,34 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
         lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}"
     )
     infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
-    notes = (*_notes(bag, sides, pairing), *_frame_notes(bag, sides, infos))
+    coded = tuple(note for video in videos if video for note in video.notes)
+    notes = (*_notes(bag, sides, pairing), *coded, *_frame_notes(bag, sides, infos))
     return BagDive(bag, sides, pairing.with_notes(notes), infos)
 
 
 def bag_images(path: Path) -> Container:
     """List all images of one file of a bag. Raises InputError, DeviceError."""
-    images: dict[Path, dict[str, Entry]] = defaultdict(dict)
-    for topic in open_bag(path).topics:
-        if topic.msgtype in (IMAGE, COMPRESSED):
-            _files_of(topic, images)
+    images: _Contents = defaultdict(dict)
+    bag = open_bag(path)
+    if starts_in_the_middle(bag) and len(files_of(path.parent)) > 1:  # it goes on from another one
+        bag = open_bag(path.parent)
+    for topic in bag.topics:
+        if topic.msgtype in (*IMAGES, *VIDEOS):
+            with suppress(InputError):  # of a video without a keyframe, of another camera, say
+                video = open_video(bag, topic)
+                _files_of(video.topic if video else topic, images, video)
     return _Images(images[path], path)
 
 
-def _files_of(topic: Topic, images: dict[Path, dict[str, Entry]]) -> list[Path]:
+def _files_of(topic: Topic, images: _Contents, video: CodedVideo | None) -> list[Path]:
     """The paths of a topic's images inside the bag's files; of two with one stamp the first."""
-    suffix = image_suffix(topic.entries[0])
+    suffix = ".tif" if video else image_suffix(topic.entries[0])
+    content = video.content if video else image_content
     paths = []
     for entry in topic.entries:
         name = f"{topic.name.strip('/')}/{stamp_name(entry.stamp_ns)}{suffix}"
         if name not in images[entry.path]:
-            images[entry.path][name] = entry
+            images[entry.path][name] = partial(content, entry)
             paths.append(entry.path / name)
     return paths
 
@@ -192,7 +224,7 @@ def _frame_notes(
     """A line for each camera_info whose frame_id differs from that of the images."""
     for topic, info in zip((sides.left, sides.right), infos, strict=True):
         with suppress(InputError):  # of a damaged message: its pair says so
-            frames = [decode(found.entries[0]).header.frame_id for found in (topic, info) if found]
+            frames = [frame_of(decode(found.entries[0])) for found in (topic, info) if found]
             if len(set(filter(None, frames))) > 1 and info:
                 yield (
                     f"{bag.path}: {info.name} is of the frame {frames[1]}, {topic.name} of "

@@ -15,12 +15,14 @@ from calibration.formats import ros
 from calibration.formats.reading.section import Section
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import (
-    COMPRESSED,
+    COMPRESSED_IMAGES,
     TRANSFORMS,
+    VIDEOS,
     Bag,
     Entry,
     needs_library,
 )
+from stereo_seecolor.extras.streams.bags.foxglove import parse_foxglove
 from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
@@ -48,6 +50,38 @@ PACKED = {
     "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
     "yuyv": cv2.COLOR_YUV2RGB_YUY2,
 }
+FIRST_PACKET = f"{VIDEOS[-1]}1"
+"""FFMPEGPacket as ROS 1 has it, and ROS 2 had it at first."""
+_VIDEO_FIELDS = {
+    VIDEOS[0]: (
+        "builtin_interfaces/Time timestamp",
+        "string frame_id",
+        "uint8[] data",
+        "string format",
+    ),
+    VIDEOS[-1]: (
+        "std_msgs/Header header",
+        "int32 width",
+        "int32 height",
+        "string encoding",
+        "uint64 pts",
+        "uint8 flags",
+        "bool is_bigendian",
+        "uint8[] data",
+    ),
+    FIRST_PACKET: (
+        "std_msgs/Header header",
+        "uint8[] data",
+        "int32 img_width",
+        "int32 img_height",
+        "string encoding",
+        "uint64 pts",
+        "uint8 flags",
+    ),
+}
+"""Type that rosbags does not know -> its fields (Foxglove's and ffmpeg_image_transport's own
+definitions).
+"""
 DEPTH_HEADER_BYTES = 12
 """What compressed_depth_image_transport writes before the PNG: an int and two floats."""
 
@@ -58,11 +92,13 @@ def decode(entry: Entry) -> Any:
     """The message, its fields as attributes. Raises InputError if it is damaged, DeviceError
     without rosbags.
     """
-    content = entry.payload()
+    content, (_, msgtype, encoding) = entry.payload(), entry.channel
     try:
-        if entry.channel.encoding == "ros1":
-            return store("ros1").deserialize_ros1(content, entry.channel.msgtype)
-        return store("cdr").deserialize_cdr(content, entry.channel.msgtype)
+        if encoding in ("protobuf", "json"):
+            return parse_foxglove(content, msgtype, encoding)
+        if msgtype == VIDEOS[-1]:
+            return _packet(content, encoding)
+        return _deserialized(content, msgtype, encoding)
     except ImportError as error:
         raise needs_library() from error
     except Exception as error:  # rosbags has many ways to fail on damaged bytes
@@ -71,9 +107,37 @@ def decode(entry: Entry) -> Any:
         ) from error
 
 
+def _packet(content: bytes, encoding: str) -> Any:
+    """An FFMPEGPacket, whose fields have another order since 2023."""
+    try:
+        return _deserialized(content, VIDEOS[-1], encoding)
+    except ImportError:
+        raise
+    except Exception:  # rosbags has many ways to fail on other bytes than it expects
+        return _deserialized(content, FIRST_PACKET, encoding)
+
+
+def _deserialized(content: bytes, msgtype: str, encoding: str) -> Any:
+    if encoding == "ros1":
+        return store("ros1").deserialize_ros1(content, msgtype)
+    return store("cdr").deserialize_cdr(content, msgtype)
+
+
+def coding(message: Any) -> str:
+    """How a message of a video or a compressed image states that it is coded: ``h264``,
+    ``rgb8; jpeg compressed bgr8``.
+    """
+    return str(getattr(message, "format", "") or getattr(message, "encoding", ""))
+
+
+def frame_of(message: Any) -> str:
+    """The frame of a message's header, or of a message without one."""
+    return str(message.header.frame_id if hasattr(message, "header") else message.frame_id)
+
+
 def image_suffix(entry: Entry) -> str:
     """The suffix of the image file that the message becomes."""
-    if entry.channel.msgtype != COMPRESSED:
+    if entry.channel.msgtype not in COMPRESSED_IMAGES:
         return ".tif"
     return ".png" if _compressed(decode(entry)).startswith(PNG_SIGNATURE) else ".jpg"
 
@@ -93,7 +157,7 @@ def message_content(message: Any, msgtype: str, where: str) -> bytes:
     """A decoded image message as the content of an image file; ``where`` is for the errors. Raises
     InputError.
     """
-    if msgtype != COMPRESSED:
+    if msgtype not in COMPRESSED_IMAGES:
         return encode_tiff(_pixels(message, where))
     content = _compressed(message)
     if not content.startswith((PNG_SIGNATURE, JPEG_SIGNATURE)):
@@ -193,6 +257,8 @@ def store(encoding: str) -> Any:
     for name in TRANSFORMS:
         if name not in store.types:  # ROS 1 has them in packages that rosbags does not know
             store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    for name, fields in _VIDEO_FIELDS.items():
+        store.register(get_types_from_msg("\n".join(fields), name))
     return store
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.bags.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic
+from stereo_seecolor.extras.streams.bags.bag import CAMERA_INFO, IMAGES, VIDEOS, Bag, Topic
 from stereo_seecolor.inputs.name_keys import side_of
 
 NOT_PICTURES = ("depth", "disparity", "mask", "range", "confidence", "thumbnail")
@@ -20,6 +20,11 @@ TRANSPORTS = (
     "image",
     "image_rect",
     "image_rect_color",
+    "ffmpeg",
+    "foxglove",
+    "compressed_video",
+    "h264",
+    "h265",
 )
 """Last parts of an image topic's name that do not belong to its camera's."""
 
@@ -39,7 +44,7 @@ def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
 
     Raises InputError, with the image topics that there are.
     """
-    images = [topic for topic in bag.topics if topic.msgtype in (IMAGE, COMPRESSED)]
+    images = [topic for topic in bag.topics if topic.msgtype in (*IMAGES, *VIDEOS)]
     if given:
         left, right = (_named(bag, images, given, side) for side in ("left", "right"))
         return SideTopics(left, right)
@@ -129,9 +134,9 @@ def _numbered(left: str, right: str) -> bool:
     )
 
 
-def _preference(left: Topic, right: Topic) -> tuple[bool, bool, bool, bool, int]:
+def _preference(left: Topic, right: Topic) -> tuple[bool, bool, bool, int, int]:
     """Images as the camera took them before rectified ones; words before numbers; color before
-    gray; raw before compressed.
+    gray; raw before compressed ones, and these before videos.
     """
     name = left.name.lower()
     by_word = side_of(left.name) == "left"
@@ -139,7 +144,7 @@ def _preference(left: Topic, right: Topic) -> tuple[bool, bool, bool, bool, int]
         "rect" not in name,
         by_word,
         "mono" not in name,
-        left.msgtype == IMAGE,
+        -(*IMAGES, *VIDEOS).index(left.msgtype),
         min(left.count, right.count),
     )
 

@@ -16,7 +16,13 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import FIX, POSES, Bag, Topic, open_bag
 from stereo_seecolor.extras.streams.bags.fixes import fixed_track
-from stereo_seecolor.extras.streams.bags.messages import between, decode, static_frames, xyzw
+from stereo_seecolor.extras.streams.bags.messages import (
+    between,
+    decode,
+    frame_of,
+    static_frames,
+    xyzw,
+)
 from stereo_seecolor.extras.streams.bags.topics import side_topics
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotation
@@ -104,6 +110,6 @@ def _body_from_camera(bag: Bag, body: str, mount: MountConfig) -> Array:
 def _camera_frame(bag: Bag) -> str:
     """The frame that the left images are stamped with, "" where it is not known which they are."""
     try:
-        return str(decode(side_topics(bag, {}).left.entries[0]).header.frame_id).lstrip("/")
+        return frame_of(decode(side_topics(bag, {}).left.entries[0])).lstrip("/")
     except InputError:
         return ""
