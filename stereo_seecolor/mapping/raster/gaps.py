@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.kept_frames import Frames, Unplaced
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M
-from stereo_seecolor.mapping.survey import Component
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import Map
 
 Floats = NDArray[np.float64]
