@@ -130,20 +130,21 @@ class Causes:
 
     @property
     def line(self) -> str:
-        """The best and its rivals, what they do to ranges, and what to do; "" where nothing is to
-        be explained.
+        """The best and the rivals that say otherwise of ranges, what they do to these, and what to
+        do; "" where nothing is to be explained.
         """
         if self.best is None or not self.best.text:
             return ""
-        rivals = "".join(f"; as likely: {one.text}: {one.ranges}" for one in self.rivals)
+        # of rivals that leave ranges right one is enough, and none where the best does as well
+        harmless = [one for one in (self.best, *self.rivals) if not one.is_wrong][:1]
+        named = [one for one in self.rivals if one.is_wrong or one in harmless]
+        rivals = "".join(f"; as likely: {one.text}: {one.ranges}" for one in named)
         doubt = (
             ""
             if self.explains
             else "; no cause that was tested explains all, and the error of ranges may be another"
         )
-        cures = dict.fromkeys(
-            cause.cure for one in (self.best, *self.rivals) for cause in one.causes
-        )
+        cures = dict.fromkeys(cause.cure for one in (self.best, *named) for cause in one.causes)
         return f"{self.best.text}: {self.best.ranges}{rivals}{doubt}: {'; '.join(cures)}"
 
 

@@ -254,7 +254,7 @@ class RowCheck:
                 else ""
             )
             advice.append(f"{self._large(ENLARGED, self.enlargement)}{air}")
-        elif self.causes.line or not self._agree:
+        elif not self._agree or self.causes.is_wrong or (self.causes.line and self.motion.is_found):
             advice.append(self._explanation)
         advice += [self.motion.between] if self.motion.between_px else []
         advice += [self.odd] if self.odd else []
