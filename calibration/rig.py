@@ -32,7 +32,7 @@ DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera as OpenCV describes it.
+    """A camera in OpenCV's model.
 
     Attributes:
         K: (3, 3) float64, pixels; the center of the top left pixel is (0, 0).
@@ -129,8 +129,8 @@ class Camera:
             pixels: (n, 2) float64.
 
         Returns:
-            (n, 3) float64 with z = 1; NaN where the lens model reaches no such pixel, or looks
-            sideways.
+            (n, 3) float64 with z = 1; NaN where the lens model does not reach the pixel, or the ray
+            is perpendicular to the axis.
         """
         if len(pixels) == 0:
             return np.zeros((0, 3))
@@ -160,30 +160,30 @@ class Camera:
 class StereoRig:
     """Two cameras and the rigid transform between them.
 
-    The right camera may stand anywhere beside the left one (to the right, below, above,
-    diagonally), turned by any angle.
+    The right camera may be anywhere beside the left one (to the right, below, above, diagonally),
+    rotated by any angle.
 
     Attributes:
         left: The left camera.
         right: The right camera.
         T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's
             stereoCalibrate).
-        medium: Where the calibration was made; air calibrations of cameras behind a flat port are
-            wrong under water.
-        rms_px: Reprojection error of the calibration, pixels; None where the file does not say.
-        port: The window of a rig calibrated in air, of which Rectification takes a flat one into
-            account; None for all in-water calibrations.
-        doubts: What had to be guessed when the file was read, one line each.
-        reading: The convention by which the file was read, where its format leaves one open.
-        alternatives: The rig by the other conventions; ``resolve_convention`` decides by images.
-        refinement: What was estimated from a dive to have moved, and is in these numbers already;
-            None where nothing was.
-        errors: How well the calibration knows focal lengths and baseline; None where its file does
-            not say.
+        medium: Medium in which the calibration was made; air calibrations of cameras behind a flat
+            port are wrong under water.
+        rms_px: Reprojection error of the calibration, pixels; None if the file does not state it.
+        port: The window of a rig calibrated in air; Rectification corrects for a flat window; None
+            for all in-water calibrations.
+        doubts: Assumptions that were needed to read the file, one line each.
+        reading: The convention with which the file was read, if its format allows several.
+        alternatives: The rig with the other conventions; ``resolve_convention`` decides with
+            images.
+        refinement: Changes that were estimated from a dive and are included in these numbers; None
+            if there are none.
+        errors: Standard errors of focal lengths and baseline; None if the file does not state them.
 
     Raises:
-        CalibrationError: For a rotation that is not one, and for a baseline that is zero, absurd,
-            or along the optical axis.
+        CalibrationError: For a matrix that is not a rotation, and for a baseline that is zero,
+            impossible, or along the optical axis.
     """
 
     left: Camera
@@ -215,10 +215,10 @@ class StereoRig:
         _check_baseline(T[:3, 3], self.R)
 
     def with_alternatives(self, others: "Sequence[StereoRig]") -> "StereoRig":
-        """This rig, with the same file read by other conventions.
+        """This rig, with the alternatives that other conventions give for the same file.
 
         Args:
-            others: The rigs by these.
+            others: The rigs with these conventions.
 
         Returns:
             The rig.
