@@ -200,7 +200,7 @@ def pairs(python: Path) -> dict[str, tuple[NDArray, NDArray, NDArray]]:
     drawn = scene.render(0)
     true = np.where(drawn.moving, np.float32(np.nan), drawn.range_map.disparity)
     found = {
-        "sample dive, first pair (drawn)": (
+        "sample dive, first pair (synthetic)": (
             drawn.rectified.left[..., ::-1],
             drawn.rectified.right[..., ::-1],
             true,
@@ -230,7 +230,7 @@ def sample_scene() -> Scene:
 
 def track_table(work: Path, python: Path, missing: dict[str, str]) -> list[str]:
     lines = [
-        "| sample dive (drawn), without navigation | pairs placed | track: RMS error | "
+        "| sample dive (synthetic), without navigation | pairs placed | track: RMS error | "
         "map to surface: median, 95 % | processor s | peak MiB |",
         "|---|---|---|---|---|---|",
     ]

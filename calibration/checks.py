@@ -112,9 +112,9 @@ def _points_near_rows(
         left, right, numbers = left[kept], right[kept], numbers[kept]
     if len(left) < MIN_MATCHES:
         raise CalibrationError(
-            f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, "
-            f"{MIN_MATCHES} are needed: give pairs with texture, and see whether both images show "
-            "the same scene at the same time"
+            f"only {len(left)} points were found in both images of "
+            f"{counted(len(found), 'pair')}, {MIN_MATCHES} are needed: give pairs with "
+            "texture, and check whether both images show the same scene at the same time"
         )
     return left, right, numbers
 

@@ -2,7 +2,7 @@
 
 
 class CalibrationError(ValueError):
-    """A rig, a calibration file or a calibration target that cannot be used.
+    """Error: a rig, a calibration file or a calibration target cannot be used.
 
     The message is one line: what is wrong, where (file, key, value), what to do.
     """

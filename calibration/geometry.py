@@ -24,7 +24,7 @@ class RectifiedPair:
         cx_left_px: Principal point of the left image along x, pixels.
         cx_right_px: The same of the right image.
         cy_px: Principal point of both along y, pixels.
-        baseline_m: Distance of the optical centers, meters.
+        baseline_m: Distance between the optical centers, meters.
         image_size: (width, height), pixels.
         quarter_turns: 0..3, counterclockwise turns that bring the images that are matched, whose
             disparity runs along x, to the images that this geometry is of (``numpy.rot90``).
@@ -75,7 +75,7 @@ class RectifiedPair:
         )
 
     def outside_right(self, range_m: Map) -> NDArray[np.bool_]:
-        """Where the right image does not reach what the left one shows.
+        """Compute which pixels of the left image are outside the field of view of the right camera.
 
         Args:
             range_m: (H, W), meters along the ray of the left camera; NaN where unknown.

@@ -40,12 +40,12 @@ class FlatWindow:
     def __post_init__(self) -> None:
         if not 0 <= self.distance_m <= MAX_DISTANCE_M:
             raise CalibrationError(
-                f"port: distance of {self.distance_m:g} m to the glass cannot be: 0 to "
+                f"port: distance of {self.distance_m:g} m to the glass is impossible: 0 to "
                 f"{MAX_DISTANCE_M} m"
             )
         if not 0 <= self.thickness_m <= MAX_THICKNESS_M:
             raise CalibrationError(
-                f"port: glass of {self.thickness_m:g} m cannot be: 0 to {MAX_THICKNESS_M} m"
+                f"port: glass of {self.thickness_m:g} m is impossible: 0 to {MAX_THICKNESS_M} m"
             )
         length = float(np.linalg.norm(self.normal))
         if (
@@ -76,11 +76,11 @@ class FlatPort:
         for name in ("water_index", "glass_index"):
             if not 1 <= getattr(self, name) <= 2.5:
                 raise CalibrationError(
-                    f"port: {name} of {getattr(self, name):g} cannot be: 1 to 2.5"
+                    f"port: {name} of {getattr(self, name):g} is impossible: 1 to 2.5"
                 )
         if not 0.1 <= self.working_range_m <= 100:
             raise CalibrationError(
-                f"port: working_range_m of {self.working_range_m:g} m cannot be: 0.1 to 100 m"
+                f"port: working_range_m of {self.working_range_m:g} m is impossible: 0.1 to 100 m"
             )
 
 
@@ -93,7 +93,8 @@ def flat_port(text: str) -> FlatPort:
     parts = text.split(":")
     if len(parts) not in (2, 3):
         raise CalibrationError(
-            f"flat port {text!r}: expected lens to window and its thickness, such as {FLAT_PORT}"
+            f"flat port {text!r}: expected the distance from lens to window and the thickness of "
+            f"the window, such as {FLAT_PORT}"
         )
     distance_m, thickness_m, range_m = (
         length_m(part, f"flat port {text!r}") for part in (*parts, WORKING_RANGE)[:3]

@@ -67,7 +67,7 @@ def _traced(rig: StereoRig, depth_m: float) -> tuple[Array, tuple[Array, Array]]
     """
     left, right, _ = cameras_in_water(rig)
     if not isinstance(left, CameraInWater) or not isinstance(right, CameraInWater):
-        raise CalibrationError("the rig has no flat port: nothing is bent")
+        raise CalibrationError("the rig has no flat port: there is no refraction")
     plan = plan_rectification(rig)
     pair, R_left = plan.matching_pair, plan.R_left_matching
     width, height = pair.image_size

@@ -185,11 +185,12 @@ RemapTables = tuple[NDArray[np.int16], NDArray[np.uint16]]
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """The rectification of a rig's images; built once for a run.
+    """The rectification of a rig's images; create one for a run.
 
-    Two geometries: images are matched turned by quarter turns so that the baseline is +x
-    (``matching_pair``, ``apply_left``, ``apply_right``), and products are upright, as the left
-    camera saw the scene (``pair``, ``upright``). For a pair side by side both are the same.
+    It has two geometries: for matching, images are rotated by multiples of 90 degrees so that the
+    baseline is +x (``matching_pair``, ``apply_left``, ``apply_right``), and products are upright,
+    as the left camera saw the scene (``pair``, ``upright``). For a pair side by side both are the
+    same.
 
     Attributes:
         pair: The upright geometry.
@@ -274,13 +275,14 @@ class Rectification:
         return self._remap(image, self.maps_right, "right")
 
     def upright(self, array: Pixels) -> Pixels:
-        """Turn what lies on the left image that is matched upright, so that it lies on ``pair``.
+        """Rotate an array in the geometry of the matched left image to the upright geometry
+        ``pair``.
 
         Args:
             array: (H, W) or (H, W, C).
 
         Returns:
-            The array itself where nothing is turned, else a contiguous copy.
+            The array itself if there is no rotation, else a contiguous copy.
         """
         turns = self.pair.quarter_turns
         return cast(Pixels, np.ascontiguousarray(np.rot90(array, turns))) if turns else array
@@ -311,7 +313,7 @@ class Rectification:
         )
 
     def seen_left(self) -> NDArray[np.bool_]:
-        """Compute where the left image that is matched shows something that the left camera saw.
+        """Compute which pixels of the matched left image the left camera saw.
 
         Returns:
             (H, W) bool.

@@ -85,7 +85,7 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
         raise CalibrationError(check.advice[0])
     if check.air_in_water or check.cut_out or check.is_lens:
         raise CalibrationError(
-            f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges "
+            f"{check.advice[-1]}; a refined rig would fit the rows with a wrong yaw, and ranges "
             "would be wrong"
         )
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]

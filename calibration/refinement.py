@@ -7,13 +7,13 @@ import numpy as np
 from calibration.errors import counted
 
 UNSEEN = (
-    "not seen by vertical disparity: the length of the baseline, a focal length wrong in both "
-    "cameras, and images shifted along the baseline (a principal point): measure something of "
-    "known length"
+    "not visible in vertical disparity: the length of the baseline, a focal length wrong in both "
+    "cameras, and images shifted along the baseline (a principal point): measure an object "
+    "of known length"
 )
 YAW_WARNING = (
-    "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least "
-    "certain of these figures"
+    "yaw shifts every disparity by {:+.2f} px, and changes ranges: it is the least certain of "
+    "these numbers"
 )
 
 

@@ -40,9 +40,9 @@ def refuse_other_resolution(rig: StereoRig, where: str) -> None:
         made = tuple(round(2 * float(center)) for center in rig.left.K[:2, 2])
         raise CalibrationError(
             f"{where}: its principal points lie in the middle of images of about "
-            f"{made[0]}x{made[1]} px, and these are of {_text(images)}: if they were resized "
-            f"since, run: stereo-seecolor convert-calib {where} resized.yaml --size WIDTHxHEIGHT "
-            f"--resize {_text(images)} with the size of the images that it was made with"
+            f"{made[0]}x{made[1]} px, but these images have {_text(images)}: if they were "
+            f"resized since, run: stereo-seecolor convert-calib {where} resized.yaml --size "
+            f"WIDTHxHEIGHT --resize {_text(images)} with the size of the calibration images"
         )
 
 
@@ -65,15 +65,13 @@ def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") 
     )
     factor = resize_factor(calibrated, images)
     if side == "right" and images != calibrated[::-1]:
-        return (
-            f"{mismatch}, and the left image fits it: give images of the sizes that were calibrated"
-        )
+        return f"{mismatch}, but the left image fits it: give images of the calibrated sizes"
     if factor is None:
         return f"{mismatch}, {_other_shape(images, calibrated)}"
     return (
         f"{mismatch}, {factor:.4g} times the size: if the whole images were binned or resized, "
-        f"run: stereo-seecolor convert-calib {calib} resized.yaml --resize {_text(images)}; if "
-        "they were cut out, use the calibration made at this resolution"
+        f"run: stereo-seecolor convert-calib {calib} resized.yaml --resize {_text(images)}; "
+        "if they were cropped, use a calibration made at this resolution"
     )
 
 
@@ -81,7 +79,7 @@ def _other_shape(images: Size, calibrated: Size) -> str:
     """What images of another shape than the calibration's may be, and what to do."""
     if images == calibrated[::-1]:
         return (
-            "turned by a quarter: turn them back (or remove their EXIF orientation, if the "
+            "rotated by 90 degrees: rotate them back (or remove their EXIF orientation, if the "
             "calibration was made without it)"
         )
     across, down = images[0] / calibrated[0], images[1] / calibrated[1]
@@ -91,10 +89,10 @@ def _other_shape(images: Size, calibrated: Size) -> str:
         return "as if both sides lay one above the other: give it as --left and as --right"
     if down == 2 * across:
         return (
-            "as if each side were squeezed to half its width: stretch both sides to the width "
-            "that was calibrated"
+            "as if each side were squeezed to half its width: stretch both sides to the "
+            "calibrated width"
         )
-    return "a cut-out or another camera: use the calibration made at this resolution"
+    return "a crop or another camera: use a calibration made at this resolution"
 
 
 def resized_rig(rig: StereoRig, size: Size) -> StereoRig:
@@ -107,8 +105,8 @@ def resized_rig(rig: StereoRig, size: Size) -> StereoRig:
     if factor is None:
         raise CalibrationError(
             f"images of {_text(rig.left.image_size)} px cannot be resized to {_text(size)}: the "
-            "sides differ in their factors "
-            f"({size[0] / rig.left.image_size[0]:.4g} and {size[1] / rig.left.image_size[1]:.4g})"
+            f"factors for width and height differ ({size[0] / rig.left.image_size[0]:.4g} and "
+            f"{size[1] / rig.left.image_size[1]:.4g})"
         )
     right_size = size
     if rig.right.image_size != rig.left.image_size:

@@ -32,7 +32,7 @@ DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera as OpenCV describes it.
+    """A camera in OpenCV's model.
 
     Attributes:
         K: (3, 3) float64, pixels; the center of the top left pixel is (0, 0).
@@ -74,8 +74,8 @@ class Camera:
         ):
             raise CalibrationError(
                 "camera matrix K is transposed, as MATLAB's IntrinsicMatrix, its center in its "
-                f"last row, {self.K[2].tolist()}: transpose it; of a file of MATLAB also transpose "
-                "the rotation and take 1 from both numbers of the center"
+                f"last row, {self.K[2].tolist()}: transpose it; for a MATLAB file also "
+                "transpose the rotation and subtract 1 from both numbers of the center"
             )
         if not np.array_equal(self.K[2], [0, 0, 1]) or self.K[1, 0] != 0:
             raise CalibrationError(
@@ -129,8 +129,8 @@ class Camera:
             pixels: (n, 2) float64.
 
         Returns:
-            (n, 3) float64 with z = 1; NaN where the lens model reaches no such pixel, or looks
-            sideways.
+            (n, 3) float64 with z = 1; NaN where the lens model does not reach the pixel, or the ray
+            is perpendicular to the axis.
         """
         if len(pixels) == 0:
             return np.zeros((0, 3))
@@ -160,30 +160,30 @@ class Camera:
 class StereoRig:
     """Two cameras and the rigid transform between them.
 
-    The right camera may stand anywhere beside the left one (to the right, below, above,
-    diagonally), turned by any angle.
+    The right camera may be anywhere beside the left one (to the right, below, above, diagonally),
+    rotated by any angle.
 
     Attributes:
         left: The left camera.
         right: The right camera.
         T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's
             stereoCalibrate).
-        medium: Where the calibration was made; air calibrations of cameras behind a flat port are
-            wrong under water.
-        rms_px: Reprojection error of the calibration, pixels; None where the file does not say.
-        port: The window of a rig calibrated in air, of which Rectification takes a flat one into
-            account; None for all in-water calibrations.
-        doubts: What had to be guessed when the file was read, one line each.
-        reading: The convention by which the file was read, where its format leaves one open.
-        alternatives: The rig by the other conventions; ``resolve_convention`` decides by images.
-        refinement: What was estimated from a dive to have moved, and is in these numbers already;
-            None where nothing was.
-        errors: How well the calibration knows focal lengths and baseline; None where its file does
-            not say.
+        medium: Medium in which the calibration was made; air calibrations of cameras behind a flat
+            port are wrong under water.
+        rms_px: Reprojection error of the calibration, pixels; None if the file does not state it.
+        port: The window of a rig calibrated in air; Rectification corrects for a flat window; None
+            for all in-water calibrations.
+        doubts: Assumptions that were needed to read the file, one line each.
+        reading: The convention with which the file was read, if its format allows several.
+        alternatives: The rig with the other conventions; ``resolve_convention`` decides with
+            images.
+        refinement: Changes that were estimated from a dive and are included in these numbers; None
+            if there are none.
+        errors: Standard errors of focal lengths and baseline; None if the file does not state them.
 
     Raises:
-        CalibrationError: For a rotation that is not one, and for a baseline that is zero, absurd,
-            or along the optical axis.
+        CalibrationError: For a matrix that is not a rotation, and for a baseline that is zero,
+            impossible, or along the optical axis.
     """
 
     left: Camera
@@ -210,15 +210,15 @@ class StereoRig:
         if isinstance(self.port, FlatPort) and self.medium != "air":
             raise CalibrationError(
                 "port: a flat port is for cameras calibrated in air; a calibration made in water "
-                "holds the port already: remove the port, or set medium: air"
+                "already includes the port: remove the port, or set medium: air"
             )
         _check_baseline(T[:3, 3], self.R)
 
     def with_alternatives(self, others: "Sequence[StereoRig]") -> "StereoRig":
-        """This rig, with the same file read by other conventions.
+        """This rig, with the alternatives that other conventions give for the same file.
 
         Args:
-            others: The rigs by these.
+            others: The rigs with these conventions.
 
         Returns:
             The rig.
@@ -265,7 +265,10 @@ class StereoRig:
         )
 
 
-COLOR_TAKEN, GRAY_TAKEN = "color is taken", "gray is taken, as the images are"
+COLOR_TAKEN, GRAY_TAKEN = (
+    "color is taken",
+    ("the gray cameras are used, because the images are gray"),
+)
 """Readings of a file that holds a rig of color cameras, and as its alternative one of gray ones."""
 
 
@@ -282,16 +285,16 @@ def _check_rotation(R: NDArray[np.float64]) -> None:
     error = float(np.abs(R @ R.T - np.eye(3)).max()) if np.abs(R).max() < 2 else np.inf
     if not error <= ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
         raise CalibrationError(
-            f"T_right_left: the rotation is not one (R R^T differs from identity by {error:.3g}, "
-            f"det {np.linalg.det(R):.3g}): copy R again from the calibration's output"
+            f"T_right_left: R is not a rotation (R R^T differs from identity by {error:.3g}, det "
+            f"{np.linalg.det(R):.3g}): copy R again from the calibration's output"
         )
 
 
 def _unit_guess(baseline: float) -> str:
     if baseline < 20:
         return (
-            f"centimeters it is {baseline / 100:g} m, and if it is in board squares, multiply "
-            "by the size of one"
+            f"centimeters it is {baseline / 100:g} m, and if it is in board squares, multiply by "
+            "the size of a square"
         )
     return f"millimeters it is {baseline / 1000:g} m"
 
@@ -300,26 +303,27 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
     baseline_m = float(np.linalg.norm(np.clip(translation_m, -1e9, 1e9)))
     if baseline_m < 1e-9:
         raise CalibrationError(
-            "T_right_left: the baseline is zero: two single-camera calibrations hold no stereo "
-            "geometry"
+            "T_right_left: the baseline is zero: two single-camera calibrations contain no "
+            "stereo geometry"
         )
     if baseline_m > MAX_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in "
-            f"{_unit_guess(baseline_m)}; "
-            "divide the translation, or calibrate again with the size of a square in meters"
+            f"T_right_left: a baseline of {baseline_m:g} m is impossible: if the file is in "
+            f"{_unit_guess(baseline_m)}; divide the translation, or calibrate again with the "
+            "size of a square in meters"
         )
     if baseline_m < MIN_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m cannot be: the unit must be meters "
-            "(OpenCV's stereo_calib sample writes board squares unless told their size)"
+            f"T_right_left: a baseline of {baseline_m:g} m is impossible: the unit must be "
+            "meters (OpenCV's stereo_calib sample writes board squares unless told their "
+            "size)"
         )
     center_right_in_left = -R.T @ translation_m
     if abs(center_right_in_left[2]) > 2 * np.hypot(*center_right_in_left[:2]):
         raise CalibrationError(
             f"T_right_left: the second camera stands {center_right_in_left[2]:+.3f} m along the "
-            "optical axis of the first: "
-            "no stereo pair stands so; check the order and the axes of the translation"
+            "optical axis of the first, which is impossible for a stereo pair; check the "
+            "order and the axes of the translation"
         )
 
 

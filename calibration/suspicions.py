@@ -38,8 +38,8 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     found = list(rig.doubts)
     if rig.alternatives:
         found.append(
-            f"{rig.reading}: the file can be read in {len(rig.alternatives) + 1} ways, and images "
-            "of the dive must decide"
+            f"{rig.reading}: the file can be read in {len(rig.alternatives) + 1} ways, and the "
+            "images of the dive must decide"
         )
     found += [
         text
@@ -57,8 +57,8 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     angle_deg = np.degrees(np.linalg.norm(turned))
     if angle_deg > SUSPICION_LIMITS.angle_deg:
         found.append(
-            f"the cameras are turned by {angle_deg:.0f} degrees to each other: is the rotation of "
-            "this rig?"
+            f"the cameras are rotated by {angle_deg:.0f} degrees relative to each other: does "
+            "the rotation belong to this rig?"
         )
     found += placement_suspicions(rig)
     kept = min(kept_fractions(rig))
@@ -68,24 +68,24 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
         else SUSPICION_LIMITS.kept_pinhole
     ):
         found.append(
-            f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal "
+            f"rectified images keep {kept:.0%} of the field of view: check rotation, focal "
             "lengths and distortion"
         )
     if not (rig.left.distortion.any() or rig.right.distortion.any() or rig.is_rectified):
         found.append(
-            "no lens distortion in the calibration, though its cameras are not rectified: was it "
-            "left out of the file?"
+            "no lens distortion in the calibration, although its cameras are not rectified: is "
+            "it missing in the file?"
         )
     if rig.rms_px is not None and rig.rms_px > SUSPICION_LIMITS.rms_px:
         found.append(
-            f"the calibration's own error is {rig.rms_px:.2f} px, over "
+            f"the reprojection error of the calibration is {rig.rms_px:.2f} px, over "
             f"{SUSPICION_LIMITS.rms_px:g} px: calibrate again"
         )
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
-            "calibrated in air: behind a flat port under water, ranges come out about a quarter "
-            f"wrong; calibrate in water, or describe the port: --set input.flat_port={FLAT_PORT} "
-            "(lens to window, and its thickness)"
+            "calibrated in air: behind a flat port under water, ranges are wrong by about a "
+            "quarter; calibrate in water, or describe the port: --set "
+            f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
         )
     return tuple(found)
 
@@ -96,18 +96,18 @@ def placement_suspicions(rig: StereoRig) -> list[str]:
     x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
     if x_m < -abs(y_m):
         found.append(
-            f"the right camera stands {-x_m:.3f} m to the LEFT of the left one: so it is where "
-            "cameras are mounted upside down, or where left and right are exchanged in the "
-            "calibration and the folders alike; otherwise left and right are swapped, or the "
-            "transform is inverted: check it on images of the dive"
+            f"the right camera stands {-x_m:.3f} m to the LEFT of the left one: this is correct "
+            "if the cameras are mounted upside down, or if left and right are exchanged in "
+            "both the calibration and the folders; otherwise left and right are swapped, or "
+            "the transform is inverted: check it on images of the dive"
         )
     plan = plan_rectification(rig)
     if abs(plan.diagonal_deg) > DIAGONAL_DEG:
         (width, height), (kept, _) = plan.pair.image_size, kept_fractions(rig)
         found.append(
             f"the baseline lies {abs(plan.diagonal_deg):.0f} degrees off the axes of the image: "
-            "the rectified images are turned, "
-            f"and {width}x{height} px in size to keep the whole view ({kept:.0%} of the left image)"
+            f"the rectified images are rotated, and {width}x{height} px in size to keep the "
+            f"whole view ({kept:.0%} of the left image)"
         )
     return found
 
@@ -118,20 +118,23 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     width, height = camera.image_size
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > SUSPICION_LIMITS.center_offset:
         found.append(
-            f"{side}: the principal point ({cx:.0f}, {cy:.0f}) lies far from the middle of "
-            f"{width}x{height} px: is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
+            f"{side}: the principal point ({cx:.0f}, {cy:.0f}) is far from the center of "
+            f"{width}x{height} px: does K belong to another resolution (about "
+            f"{2 * cx:.0f}x{2 * cy:.0f})?"
         )
     if abs(fx / fy - 1) > SUSPICION_LIMITS.aspect:
-        found.append(f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, and pixels are square")
+        found.append(
+            f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, but pixels are usually square"
+        )
     if not SUSPICION_LIMITS.focal_of_width[0] < fx / width < SUSPICION_LIMITS.focal_of_width[1]:
         found.append(
-            f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: is K of another "
-            "resolution?"
+            f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: does K belong "
+            "to another resolution?"
         )
     if lens_folds(camera):
         found.append(
-            f"{side}: the distortion turns back before the corners of the image, which are lost: "
-            "was it fitted to corners from the middle alone?"
+            f"{side}: the distortion is not monotonic up to the image corners, which are cut "
+            "off: was it fitted only to points near the center?"
         )
     return found
 

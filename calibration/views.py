@@ -137,7 +137,7 @@ def _outermost(camera: AnyCamera, R: Array, center: Array, border: Array) -> Arr
     reached = np.cumprod(usable, axis=0).sum(axis=0) - 1
     if (reached < 0).any():
         raise CalibrationError(
-            "a camera's lens model reaches no pixel near the middle of the image: check focal "
+            "the lens model of a camera reaches no pixel near the image center: check focal "
             "lengths and distortion"
         )
     return np.asarray(slopes[reached, np.arange(len(border))])

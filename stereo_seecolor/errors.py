@@ -34,7 +34,7 @@ def _percent(character: str) -> str:
 
 
 class SeeColorError(Exception):
-    """Base of all known errors. The message is one line: what is wrong, where, what to do."""
+    """Base class of all known errors. The message is one line: what is wrong, where, what to do."""
 
     def __str__(self) -> str:
         return printable(super().__str__())

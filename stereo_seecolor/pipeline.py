@@ -62,8 +62,7 @@ further pair at the same time adds 32 to 65 in runs of at most three, of up to 4
 
 
 class Pipeline:
-    """Takes a pair through all stages. Made once for a rig; all methods may be called from many
-    threads.
+    """Runs a pair through all stages. Create one for a rig; all methods are thread-safe.
 
     Args:
         rig: The calibration.
@@ -72,8 +71,8 @@ class Pipeline:
     Attributes:
         geometry: Of the rectified images.
         seen: (H, W) bool, where rectified images show something; None = everywhere.
-        original: The view of the unrectified left camera; None where nothing is written in it.
-        settings: Hash of all that a range map depends on besides its two images.
+        original: The geometry of the unrectified left camera; None if no product uses it.
+        settings: Hash of everything except the two images that a range map depends on.
 
     Raises:
         CalibrationError: If the cameras share no field of view.
@@ -130,7 +129,7 @@ class Pipeline:
         return width * height
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The files of a pair. Opens the videos or the bag that hold them.
+        """The files of a pair. Opens the videos or the bag that contain them.
 
         Args:
             pair: The pair.
@@ -264,13 +263,13 @@ class Pipeline:
         water: Water | Callable[[Image, RangeMap], Water] | None = None,
         match: Match | None = None,
     ) -> FrameResult:
-        """Take an unrectified pair through all stages, in memory.
+        """Run an unrectified pair through all stages, in memory.
 
         Args:
             frame: The raw pair.
-            water: The water to remove, or a function that finds it for the rectified left image and
-                its range map; None: it is fitted to this frame.
-            match: Computes the range map in place of the pipeline's own matcher.
+            water: The water to remove, or a function that returns it for the rectified left image
+                and its range map; None: it is fitted to this frame.
+            match: Computes the range map instead of the pipeline's own matcher.
 
         Returns:
             The results of all stages.
@@ -309,11 +308,11 @@ class Pipeline:
 
 
 class Stream:
-    """Corrects the pairs of a stream with one water and one exposure, of the last
-    frames together, 20 or ``color.lock``, so that what is shown does not flicker.
+    """Corrects the pairs of a stream with one set of water parameters and one exposure, fitted to
+    the last 20 frames (or ``color.lock``), so that the output does not flicker.
 
     Args:
-        pipeline: Used by this stream alone.
+        pipeline: Must not be used by another stream.
     """
 
     def __init__(self, pipeline: Pipeline) -> None:
@@ -324,19 +323,19 @@ class Stream:
     def process(
         self, frame: StereoFrame, shrink: int = 1, until_s: float | None = None
     ) -> FrameResult:
-        """Take the next unrectified pair through all stages.
+        """Run the next unrectified pair through all stages.
 
         Args:
             frame: The pair.
             shrink: Match at 1/shrink of the size: 1, 2 or 4.
-            until_s: When the steps of the fit end, as ``time.perf_counter`` counts; None for no
+            until_s: Time of ``time.perf_counter`` at which the steps of the fit end; None for no
                 limit.
 
         Returns:
             As ``Pipeline.process``.
 
         Raises:
-            ColorError: Where no pixel of the stream had a known range yet.
+            ColorError: If no pixel of the stream had a known range yet.
             MatchingError, CalibrationError, InputError: As in ``Pipeline.process``.
         """
         self._until_s = until_s

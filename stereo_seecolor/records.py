@@ -60,13 +60,13 @@ class Capture:
 
 @dataclass(frozen=True, eq=False)
 class StereoFrame:
-    """One pair, as read or rectified.
+    """One pair, raw or rectified.
 
     Attributes:
         name: Name of the frame, also of its files.
         left: (H, W, 3) uint8 or uint16 RGB.
-        right: The same of the right camera.
-        timestamp_s: Seconds; None where the name holds no time.
+        right: The same for the right camera.
+        timestamp_s: Seconds; None if the name contains no time.
         left_capture: Metadata of the left image.
         right_capture: Metadata of the right image.
     """
@@ -96,14 +96,14 @@ class RangeMap:
     Attributes:
         disparity: (H, W) float32, pixels, x_left - x_right; NaN = unknown, as in all maps here.
         depth_m: (H, W) float32, meters, Z along the optical axis.
-        range_m: (H, W) float32, meters along the ray, on which the water acts.
+        range_m: (H, W) float32, meters along the ray; the light travels this distance.
         range_std_m: (H, W) float32, meters, standard error of ``range_m``.
         confidence: (H, W) float32, [0, 1], 0 where unknown.
         filled: (H, W) bool, True where the value was not measured but filled in from neighbors;
-            such pixels have confidence 0.
+            these pixels have confidence 0.
         warnings: One line each.
-        vertical_px: Offset of the rows of the right image below those of the left one after
-            rectification, pixels; NaN where unknown.
+        vertical_px: Vertical offset of the right image below the left one after rectification,
+            pixels; NaN if unknown.
     """
 
     disparity: Map
@@ -117,7 +117,7 @@ class RangeMap:
 
     @classmethod
     def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":
-        """A map of known ranges alone; all other values are NaN.
+        """A map with only the given ranges; all other values are NaN.
 
         Args:
             range_m: (H, W) float32, meters along the ray, NaN where unknown.
@@ -182,7 +182,7 @@ class RangeMap:
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":
-        """The map without a known pixel.
+        """A map in which every pixel is unknown.
 
         Args:
             shape: (H, W).
@@ -226,12 +226,13 @@ class Correction:
         unknown: (H, W) bool, True where no range was known.
         unrecoverable: (H, W) bool, True where noise limits the gain of a channel, or the camera
             clipped a channel.
-        clipped_fraction: Fraction of the pixels of known range with a channel at full scale.
+        clipped_fraction: Fraction of the pixels with a known range that have a channel at full
+            scale.
         water: The water that was removed.
         exposure: As in ``Water``.
         highlights: As in ``Water``.
         warnings: One line each.
-        linear: (H, W, 3) float32 linear light, unclipped; None unless it was asked for.
+        linear: (H, W, 3) float32 linear light, unclipped; None unless requested.
     """
 
     image: Image

@@ -70,7 +70,9 @@ def _without_wrong_pairs(
     )
     if not wrong.any() or wrong.sum() > len(views) - MIN_VIEWS:
         return list(views), [], guesses
-    reason = "left and right disagree ({:.0f} px): not taken at the same moment, or paired wrongly?"
+    reason = (
+        "left and right disagree ({:.0f} px): not exposed at the same moment, or paired wrongly?"
+    )
     dropped = [
         ViewReport(view.name, reason=reason.format(error))
         for view, error, bad in zip(views, errors, wrong, strict=True)
@@ -103,6 +105,6 @@ def _blame(
     ]
     if bad:
         return (
-            f"corners do not lie on a flat board in {' and '.join(bad)}: blurred, misread or bent"
+            f"the corners do not fit a flat board in {' and '.join(bad)}: blurred, misread or bent"
         )
-    return f"left and right disagree ({rms(bundle, own):.2f} px): taken at different moments?"
+    return f"left and right disagree ({rms(bundle, own):.2f} px): exposed at different moments?"

@@ -36,7 +36,7 @@ def print_target(target: Target, path: Path, dpi: int = 300) -> None:
     cannot be written.
     """
     if path.suffix.lower() not in (".pdf", ".png"):
-        raise CalibrationError(f"{path}: a target is printed as .pdf or .png")
+        raise CalibrationError(f"{path}: a target can be written as .pdf or .png")
     content = _pdf(target) if path.suffix.lower() == ".pdf" else _png(target, dpi)
     try:
         with write_atomic(path) as temporary:

@@ -150,7 +150,7 @@ class CalibrationReport:
             (
                 -min(self.coverage),
                 (-MIN_COVERAGE[0], -MIN_COVERAGE[1]),
-                f"corners in {min(self.coverage):.0%} of the image alone",
+                f"corners in only {min(self.coverage):.0%} of the image",
             ),
             (-len(self.used), (-MIN_VIEWS[0], -MIN_VIEWS[1]), f"{len(self.used)} views alone"),
         ]

@@ -67,8 +67,8 @@ def refuse_out_of_step(views: Sequence[TargetView], target: Target) -> None:
     )
     lost = "left" if changes[0][1] > 0 else "right"
     raise CalibrationError(
-        f"left and right images are out of step: {places}: the {lost} side lacks images: remove "
-        "the others' that have no partner"
+        f"left and right images are out of synchronization: {places}: the {lost} side lacks "
+        "images: remove the images of the other side that have no partner"
     )
 
 

@@ -139,7 +139,7 @@ def parse_target(text: str) -> Target:
         dictionary = parts[0].upper().removeprefix("DICT_")
         if not hasattr(cv2.aruco, f"DICT_{dictionary}"):
             raise CalibrationError(
-                f"target {text!r}: OpenCV has no dictionary {parts[0]!r}: use one such as 5X5_100"
+                f"target {text!r}: OpenCV has no dictionary {parts[0]!r}: use for example 5X5_100"
             )
         square_m, marker_m = (_length_m(part, text) for part in parts[2:])
         if marker_m >= square_m:
@@ -184,7 +184,7 @@ def _of_kalibr(file: Section) -> Target:
             )
         return Chessboard(counts[0], counts[1], _length_m(f"{across_m}m", text))
     raise CalibrationError(
-        f"target {text!r}: of Kalibr's targets aprilgrid and checkerboard are read, not {kind!r}"
+        f"target {text!r}: Kalibr's aprilgrid and checkerboard targets are supported, not {kind!r}"
     )
 
 
@@ -227,7 +227,7 @@ def _length_m(text: str, target: str) -> float:
     length_m = errors.length_m(text, f"target {target!r}")
     if not 1e-4 < length_m < 2:
         raise CalibrationError(
-            f"target {target!r}: a length of {length_m:g} m cannot be a target's"
+            f"target {target!r}: a length of {length_m:g} m is impossible for a target"
         )
     return length_m
 

@@ -37,7 +37,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     assert fields is not None
     if not fields.has("fc_left"):
         raise CalibrationError(
-            f"{fields.where}: holds one camera alone: give Calib_Results_stereo.mat"
+            f"{fields.where}: contains only one camera: give Calib_Results_stereo.mat"
         )
     left, right = (_camera(fields, side, image_size) for side in ("left", "right"))
     if fields.has("om"):

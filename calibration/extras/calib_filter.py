@@ -64,7 +64,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     with naming(document.where):
         rig = _rig(left[0], right[0], T, "R and t as x = R X + t")
         return rig.with_alternatives(
-            [_rig(left[0], right[0], places, "R and t as the cameras' places")]
+            [_rig(left[0], right[0], places, "R and t as the positions of the cameras")]
         )
 
 

@@ -43,7 +43,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     cameras = whole.content["cameras"]
     if len(cameras) != 2 or not all(isinstance(camera, Mapping) for camera in cameras):
         raise CalibrationError(
-            f"{whole.where}: holds {len(cameras)} cameras: export the stereo pair alone"
+            f"{whole.where}: holds {len(cameras)} cameras: export only the stereo pair"
         )
     sections = [Section(f"{whole.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
     left, right = map(_camera, sections)
@@ -51,7 +51,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     T = poses[1] @ inverse_transform(poses[0])
     places = inverse_transform(poses[1]) @ poses[0]
     with naming(document.where):
-        rig = _rig(left, right, places, "transforms as the cameras' places")
+        rig = _rig(left, right, places, "transforms as the positions of the cameras")
         return rig.with_alternatives([_rig(left, right, T, "transforms into the cameras")])
 
 

@@ -78,9 +78,9 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     ]
     if len(placed) != 1:
         raise CalibrationError(
-            f"{document.where}: holds {len(placed)} cameras with a place on a master: expected "
-            "one; import the images as a "
-            "multi-camera system, and export the cameras after alignment"
+            f"{document.where}: holds {len(placed)} cameras with a position relative to a "
+            "master: expected one; import the images as a multi-camera system, and export "
+            "the cameras after alignment"
         )
     slave, master = placed[0], masters[placed[0].content.get("master_id")]
     T_master_slave = rigid(slave.matrix("rotation", 3, 3), slave.numbers("location", 3))
@@ -96,8 +96,8 @@ def _in_meters(document: Section, T: np.ndarray) -> tuple[np.ndarray, tuple[str,
         return to_meters(T, None)
     scale = document.number(SCALE)
     doubt = (
-        f"the baseline is {np.linalg.norm(T) * scale * 1000:.1f} mm by the chunk's scale of "
-        f"{scale:.4g}: is it that of this rig?"
+        f"the baseline is {np.linalg.norm(T) * scale * 1000:.1f} mm with the chunk's scale of "
+        f"{scale:.4g}: is this the baseline of the rig?"
     )
     return T * scale, (doubt,)
 

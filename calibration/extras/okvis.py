@@ -43,8 +43,8 @@ def is_lens(document: Section) -> bool:
 def refuse_lenses(left: Section, right: Section) -> StereoRig:
     """Raise CalibrationError: two lenses of CamOdoCal hold no transform between them."""
     raise CalibrationError(
-        f"{left.where}: is one lens of CamOdoCal: give the configuration of VINS that "
-        "holds body_T_cam0 and body_T_cam1"
+        f"{left.where}: is one lens of CamOdoCal: give the VINS configuration that contains "
+        "body_T_cam0 and body_T_cam1"
     )
 
 

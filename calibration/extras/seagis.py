@@ -64,8 +64,8 @@ def decode(raw: bytes) -> dict[str, Any] | None:
         return None
     if raw.startswith(b"CBL"):
         raise CalibrationError(
-            "holds the interior orientation alone (.CamCAL): export the .cam files of the stereo "
-            "pair"
+            "contains only the interior orientation (.CamCAL): export the .cam files of the "
+            "stereo pair"
         )
     reader = _Reader(raw, 4)
     names = reader.text(), reader.text()
@@ -136,7 +136,7 @@ class _Reader:
     def take(self, count: int) -> bytes:
         taken = self.data[self.position : self.position + count]
         if len(taken) < count:
-            raise CalibrationError("is cut off or damaged: it ends before its parameters do")
+            raise CalibrationError("is truncated or damaged: it ends before its last parameter")
         self.position += count
         return taken
 
@@ -149,7 +149,7 @@ class _Reader:
     def text(self) -> str:
         (length,) = self.integers(1)  # negative: so many UTF-16 characters
         if not -MAX_TEXT <= length <= 0:
-            raise CalibrationError("is cut off or damaged: a text of no possible length")
+            raise CalibrationError("is truncated or damaged: a text has an impossible length")
         return self.take(-2 * length).decode("utf-16-le", "replace")
 
 

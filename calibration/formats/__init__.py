@@ -151,7 +151,7 @@ def _documents(path: str | Path) -> list[Section]:
     parts = [whole] if whole.exists() else [Path(part.strip()) for part in str(path).split(",")]
     if len(parts) > 2:
         raise CalibrationError(
-            f"{path}: give one calibration file, or two with a comma between, not {len(parts)}"
+            f"{path}: give one calibration file, or two separated by a comma, not {len(parts)}"
         )
     if all(part.is_dir() for part in parts):  # a folder a camera
         return [
@@ -171,7 +171,7 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     if opencv.has_intrinsics(both := merged(documents)) and opencv.has_extrinsics(both):
         return opencv.parse(both, image_size)
     if all(map(opencv.is_one_lens, documents)):
-        raise CalibrationError(f"holds one lens, and so does {second.where}: {NO_POSE}")
+        raise CalibrationError(f"contains one lens, and so does {second.where}: {NO_POSE}")
     raise CalibrationError(
         f"is {_kind(first)}, and {second.where} is {_kind(second)}: two files must be the left "
         "and right camera_info of ROS, "
@@ -253,8 +253,8 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
             )
     if opencv.is_one_lens(document):
         raise CalibrationError(
-            "holds one lens: give the file of both cameras with R and T between them, or a folder "
-            "with its parts"
+            "contains only one lens: give the file of both cameras with R and T between them, or "
+            "a folder with all files"
         )
     if opencv.matches(document):
         return opencv.parse(document, image_size)
@@ -262,7 +262,7 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
     files = [word for word in words if word.endswith(PARTS)]
     if len(files) > 1:
         raise CalibrationError(
-            f"holds no numbers but names of files, such as {files[0]}: give the folder with these"
+            f"contains only file names, such as {files[0]}: give the folder with these"
         )
     keys = ", ".join(map(repr, list(document.content)[:6]))
     raise CalibrationError(
@@ -359,6 +359,6 @@ def _pair_of_paths(path: Path) -> tuple[Path, Path]:
         return Path(parts[0].strip()), Path(parts[1].strip())
     if path.suffix:
         raise CalibrationError(
-            f"{path}: ROS keeps a rig in two files: give left.yaml,right.yaml or a folder"
+            f"{path}: ROS stores a rig in two files: give left.yaml,right.yaml or a folder"
         )
     return path / "left.yaml", path / "right.yaml"

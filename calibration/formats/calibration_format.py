@@ -27,7 +27,7 @@ already. Files of more than 256 kB are not asked.
 
 @dataclass(frozen=True)
 class RigFormat:
-    """A format whose file holds both cameras.
+    """A format whose file contains both cameras.
 
     matches: tells whether a document, the keys and values of a file, is of this format.
     parse: makes the rig of a document that matches; (width, height) of the images, pixels, for
@@ -41,7 +41,7 @@ class RigFormat:
 
 @dataclass(frozen=True)
 class CameraFormat:
-    """A format whose file holds one camera.
+    """A format whose file contains one camera.
 
     title: of the format, in messages. matches: tells whether a document is of this format.
     parse: makes the rig of the left and the right camera's document. Raises CalibrationError.

@@ -23,8 +23,8 @@ Size = tuple[int, int]
 # keys that reading/document.py puts the lines of these files under
 CAMERAS, RIGS = ("cameras.txt of COLMAP", "rigs.txt of COLMAP")
 MODEL_SCALE = (
-    "the rig of a COLMAP model has the scale of the model, metric only if that was given one: "
-    "measure a known length, or give the rig that was calibrated"
+    "the rig of a COLMAP model has the scale of the model, which is metric only if it was "
+    "scaled: measure a known length, or give the calibrated rig"
 )
 MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
     "SIMPLE_PINHOLE": (1, (), "pinhole"),
@@ -62,19 +62,19 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             lenses, poses = [], []
     except (ValueError, IndexError, KeyError) as error:
         raise CalibrationError(
-            f"{document.where}: is damaged, or of a COLMAP not known here: {error}"
+            f"{document.where}: is damaged, or from an unknown version of COLMAP: {error}"
         ) from error
     if not lenses:
         raise CalibrationError(
-            f"{document.where}: holds cameras and no rig: give the file of the rig too, as "
+            f"{document.where}: contains cameras but no rig: give the file of the rig, too, as "
             "rigs.txt,cameras.txt or rig_config.json,cameras.txt"
         )
     T = poses[1] @ inverse_transform(poses[0])
     T[:3, 3], doubts = to_meters(T[:3, 3], None)
     if document.has(RIGS):
         doubts = (
-            f"{MODEL_SCALE}: its baseline of {1000 * np.linalg.norm(T[:3, 3]):.1f} mm is of the "
-            "model",
+            f"{MODEL_SCALE}: its baseline of {1000 * np.linalg.norm(T[:3, 3]):.1f} mm has the "
+            "scale of the model",
             *doubts[1:],
         )
     with naming(document.where):
@@ -117,8 +117,8 @@ def _of_config(
         if section.has("camera_params"):
             if size is None and len(in_order) <= i:
                 raise SizeMissingError(
-                    f"{document.where}: stores no image size: give it, or cameras.txt too, with a "
-                    "comma between"
+                    f"{document.where}: stores no image size: give the size, or also "
+                    "cameras.txt, separated by a comma"
                 )
             own_size = in_order[i].image_size if len(in_order) > i else size
             assert own_size
@@ -138,7 +138,7 @@ def _of_config(
             )
         else:
             raise CalibrationError(
-                f"{section.where}: no 'camera_params': give cameras.txt too, with a comma between"
+                f"{section.where}: no 'camera_params': also give cameras.txt, separated by a comma"
             )
         has_pose = section.has("cam_from_rig_rotation", "cam_from_rig_translation")
         pose = (
@@ -166,8 +166,8 @@ def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camer
     numbers = [int(rows[0][3]), int(rows[0][5])]
     if not set(numbers) <= set(cameras):
         raise CalibrationError(
-            f"{document.where}: its cameras {numbers} are not there: give cameras.txt too, with a "
-            "comma between"
+            f"{document.where}: its cameras {numbers} are missing: also give cameras.txt, "
+            "separated by a comma"
         )
     return [cameras[number] for number in numbers], [
         np.eye(4),

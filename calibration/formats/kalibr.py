@@ -54,7 +54,7 @@ def parse(document: Section) -> StereoRig:
         )
     if not document.has("cam1"):
         raise CalibrationError(
-            f"{document.where}: holds cam0 alone: calibrate both cameras together"
+            f"{document.where}: contains only cam0: calibrate both cameras together"
         )
     sections = [document.section("cam0"), document.section("cam1")]
     cameras = [_parse_camera(section) for section in sections]
@@ -157,10 +157,10 @@ def _check_topics(topics: list[str]) -> None:
 def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
     K, distortion = camera.K, camera.distortion
     if K[0, 1] != 0:
-        raise CalibrationError(f"{side}: Kalibr has no skew, and this camera's K has one")
+        raise CalibrationError(f"{side}: Kalibr has no skew, but K of this camera has one")
     if camera.model == "pinhole" and distortion[4:].any():
         raise CalibrationError(
-            f"{side}: Kalibr's radtan has k1 k2 p1 p2 alone, and this camera has more "
+            f"{side}: Kalibr's radtan has only k1 k2 p1 p2, but this camera has more "
             "coefficients: write another format"
         )
     return {

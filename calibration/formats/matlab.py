@@ -276,7 +276,7 @@ def _five(camera: Camera, side: str) -> Array:
     """k1 k2 p1 p2 k3. Raises CalibrationError for a model that has more."""
     if camera.model == "fisheye" or camera.distortion[5:].any():
         raise CalibrationError(
-            f"{side}: MATLAB has k1 k2 k3 p1 p2 alone, and this {camera.model} camera has more: "
+            f"{side}: MATLAB has only k1 k2 k3 p1 p2, but this {camera.model} camera has more: "
             "write native"
         )
     return np.pad(camera.distortion[:5], (0, 5 - camera.distortion[:5].size))

@@ -24,12 +24,12 @@ from calibration.rig import Camera, CameraModel, StereoRig
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
 FORWARD, BACKWARD = (
-    "the transform takes left to right axes",
-    "the transform takes right to left axes",
+    "the transform maps left to right axes",
+    "the transform maps right to left axes",
 )
 FROM_CAMERA, INTO_CAMERA = (
-    "the poses of the two cameras lead from their axes",
-    "the poses of the two cameras lead into their axes",
+    "the poses of the two cameras map from their axes",
+    "the poses of the two cameras map into their axes",
 )
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
@@ -77,25 +77,26 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         _refuse_miscounted(document)
         if one := _alone(parts, "K"):
             raise CalibrationError(
-                f"{document.where}: holds one camera matrix alone, {one}: the other camera's is "
-                "missing"
+                f"{document.where}: contains only one camera matrix, {one}: the matrix of the "
+                "other camera is missing"
             )
         raise CalibrationError(
-            f"{document.where}: holds no camera matrices (K1, K2): give the intrinsics file too, "
-            "with a comma between"
+            f"{document.where}: contains no camera matrices (K1, K2): also give the intrinsics "
+            "file, separated by a comma"
         )
     pose = pose_in_meters(document, parts)
     if pose is None:
         _refuse_miscounted(document)
     if pose is None and bool(R := _alone(parts, "R")) != bool(T := _alone(parts, "T")):
         raise CalibrationError(
-            f"{document.where}: holds {R or T} and no {'T' if R else 'R'}: between the cameras "
-            "both are needed"
+            f"{document.where}: holds {R or T} and no {'T' if R else 'R'}: both are needed "
+            "between the cameras"
         )
     if pose is None:
         raise CalibrationError(
-            f"{document.where}: holds no R and T between the cameras: give the extrinsics file "
-            "too, with a comma between (two single-camera calibrations hold no stereo geometry)"
+            f"{document.where}: contains no R and T between the cameras: also give the "
+            "extrinsics file, separated by a comma (two single-camera calibrations contain "
+            "no stereo geometry)"
         )
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
     rigs = []
@@ -149,11 +150,11 @@ def write(rig: StereoRig, path: Path) -> None:
     """
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
         raise CalibrationError(
-            "OpenCV writes .yml, .xml or .json, and takes the notation from the extension"
+            "OpenCV writes .yml, .xml or .json; the extension selects the notation"
         )
     if rig.left.image_size != rig.right.image_size or rig.left.model != rig.right.model:
         raise CalibrationError(
-            "OpenCV's file has one image size and one model for both cameras, and this rig has "
+            "an OpenCV file has one image size and one model for both cameras, but this rig has "
             "two: write native"
         )
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
@@ -219,7 +220,7 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
         if parts.pair("K") and not np.array_equal(pose.T[:3, :3], np.eye(3)):
             one = _alone(parts, "D")
             what = (
-                f"holds one distortion alone, {one}"
+                f"contains only one distortion, {one}"
                 if one
                 else "no 'D1' and 'D2' (nor distCoeffs1 ...)"
             )

@@ -40,6 +40,9 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     camera = make_camera(
         document.where, K, np.zeros(0), size_of(document, parts, "left", K, image_size), "pinhole"
     )
-    doubt = "one lens and a baseline: both cameras are assumed equal and the images rectified"
+    doubt = (
+        "one lens and a baseline: the cameras are assumed to be equal, and the images to be "
+        "rectified"
+    )
     with naming(document.where):
         return StereoRig(camera, camera, T, doubts=(doubt, *doubts))

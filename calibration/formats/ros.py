@@ -75,7 +75,7 @@ def check_sides_named(rig: StereoRig, names: list[str]) -> None:
     x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
     if x_m < -abs(y_m) and "right" in names[0].lower() and "left" in names[1].lower():
         raise CalibrationError(
-            f"{names[1]!r} stands to the left of {names[0]!r}, and is given as the right camera: "
+            f"{names[1]!r} stands to the left of {names[0]!r}, but is given as the right camera: "
             "left and right are swapped"
         )
 

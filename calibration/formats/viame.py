@@ -30,7 +30,7 @@ def write(rig: StereoRig, path: Path) -> None:
 def _camera_content(camera: Camera, side: str) -> dict[str, float]:
     if camera.model == "fisheye" or camera.distortion[5:].any():
         raise CalibrationError(
-            f"{side}: VIAME has k1 k2 p1 p2 k3 alone, and this {camera.model} camera has more: "
+            f"{side}: VIAME has only k1 k2 p1 p2 k3, but this {camera.model} camera has more: "
             "write native"
         )
     (fx, skew, cx), (_, fy, cy), _ = camera.K.tolist()

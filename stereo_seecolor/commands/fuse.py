@@ -137,7 +137,8 @@ def fuse(
     listener: Listener | None = None,
     compute: Compute | None = None,
 ) -> "MapSummary":
-    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory, and what the settings ask for.
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and the products in the
+    settings.
 
     An earlier map is replaced when the new one is complete.
 
@@ -150,12 +151,12 @@ def fuse(
         compute: Where the work runs; all cores of this machine if not given.
 
     Returns:
-        What was mapped, and warnings; frames that are gone or damaged are named and left out.
+        A summary of the map, with warnings; missing or damaged frames are named and left out.
 
     Raises:
         DeviceError: If a library is missing; before the first frame.
         InputError: If the run or the poses cannot be read.
-        MappingError: If the frames cannot be placed or fused.
+        MappingError: If the track cannot be estimated, or the frames cannot be fused.
         OutputError: If the map cannot be written, or another process writes into ``out`` now.
     """
     from stereo_seecolor.mapping.surface.connected_parts import connected_parts

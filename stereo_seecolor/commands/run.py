@@ -52,7 +52,8 @@ def run(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Take the pairs of a dive to range maps, true-color frames, clouds and tables in ``out``.
+    """Compute range maps, true-color frames, clouds and tables from the pairs of a dive, in
+    ``out``.
 
     Args:
         left: Folder of the left images, a pattern (``DIVE/*_L.png``), or a video.
@@ -182,13 +183,13 @@ def correct(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Correct images that have range maps already, into ``out``.
+    """Correct images that already have range maps, and write the results into ``out``.
 
     The images may be unrelated, so that ``color.lock: auto`` means ``frame`` here.
 
     Args:
         images: Folder of images.
-        ranges: Folder of their range maps, of the same names (see ``read_range_map``).
+        ranges: Folder of their range maps, with the same names (see ``read_range_map``).
         out: Folder for the results; made where it does not exist.
         config: Settings; the defaults if not given.
         options: How the work is done: workers, overwriting, listeners.

@@ -131,10 +131,11 @@ ADDED = {
 
 
 def load_config(path: str | Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
-    """Merge the defaults, a file, and ``section.key=value`` overrides, of which the last wins.
+    """Return the defaults, changed by a file and then by ``section.key=value`` overrides; the last
+    wins.
 
     Args:
-        path: A YAML file, or the run.json of an earlier run, whose settings are taken.
+        path: A YAML file, or the run.json of an earlier run.
         overrides: ``section.key=value``, the value as YAML. A mapping sets the keys that it names
             and leaves the others: ``mapping.markers={edge_m: 0.1, family: 25h9}``.
 
@@ -142,8 +143,8 @@ def load_config(path: str | Path | None = None, overrides: Sequence[str] = ()) -
         All settings.
 
     Raises:
-        ConfigError: For an unreadable file, a key that does not exist (the nearest known one is
-            suggested), or a bad value.
+        ConfigError: For an unreadable file, an unknown key (the message suggests the most similar
+            known one), or a bad value.
     """
     return _validated(_layers(None if path is None else Path(path), overrides))
 

@@ -17,25 +17,25 @@ PageTime = Literal["none", "end", "live"]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a command does its work.
+    """Options of a command that do not change its results, except ``shard`` and ``water``.
 
-    What changes its results is in the configuration, but for ``shard`` and ``water``.
+    Settings that change the results are in the configuration.
 
     Attributes:
-        workers: Pairs worked on at once.
-        overwrite: Start over in a used folder.
-        strict: Stop at the first bad pair.
+        workers: Number of pairs processed at the same time.
+        overwrite: Delete the results of an earlier run in the folder first.
+        strict: Stop at the first pair that fails.
         verify: Read and hash every input again, also those with the size and time that an earlier
             run noted.
         config_file: The file of the settings, protected from deletion.
         command_line: For run.json.
         listener: Receives progress events; by default the log.
-        shard: The part of the dive's pairs to work on.
-        cluster: Runs the work in place of this machine's threads.
-        water: A water.json whose waters are used in place of a fit.
+        shard: The part of the pairs to process.
+        cluster: Runs the work instead of the threads of this machine.
+        water: A water.json whose parameters are used instead of a fit.
         also_read: Files that a later step of the same command reads, such as the poses for its map;
-            no input may lie in what a run deletes or replaces.
-        page: When OUT/index.html is written: never, at the end, or also while the run works.
+            a run must not delete or replace its inputs.
+        page: When OUT/index.html is written: never, at the end, or also during the run.
         notice: Called with each line that a user should read before the work begins; by default it
             goes to the log.
     """
@@ -60,7 +60,7 @@ class RunOptions:
 
         Args:
             pair_bytes: Memory that a pair takes. Workers of a cluster are not limited: they have
-                memory of their own.
+                their own memory.
 
         Returns:
             The options.

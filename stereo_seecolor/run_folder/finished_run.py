@@ -154,24 +154,25 @@ class _Totals:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """OUT as it is now; made by ``open_run``.
+    """An output folder in its current state; ``open_run`` returns it.
 
     Attributes:
         root: The folder.
-        config: The run's own settings.
+        config: The settings of the run.
         geometry: Of the rectified images; None for ``correct``, which has no calibration.
         T_rectified_left: (4, 4) float64, from the axes of the left camera as calibrated; None for
             ``correct``.
         frames: Frames that are finished and current, in the dive's order.
-        state: Whether the latest run came to its end.
-        stale: Names of frames whose products are of earlier settings.
-        unfinished: Names of frames that have some of their products, none of earlier settings.
+        state: Whether the latest run finished.
+        stale: Names of frames whose products were made with earlier settings.
+        unfinished: Names of frames that have some of their products, none made with earlier
+            settings.
         totals: The numbers of the latest run's summary.
-        inputs: What the run was given, by name.
+        inputs: The inputs of the run, by name.
         version: Of the program.
         made: When, as ISO 8601.
         libraries: Versions by name.
-        command_line: As it was given.
+        command_line: The command line of the run.
     """
 
     root: Path
@@ -196,7 +197,9 @@ class FinishedRun:
 
     @property
     def range_error(self) -> RangeError | None:
-        """What the check of the dive measured of the error of ranges; None where it could not."""
+        """The error of ranges that the check of the dive measured; None if it could not measure
+        one.
+        """
         return as_record(_Totals, self.totals).range_error
 
     @cached_property
@@ -220,7 +223,7 @@ class FinishedRun:
             The frame.
 
         Raises:
-            InputError: If the run holds none of that name.
+            InputError: If the run has no frame of that name.
         """
         found = self._by_name.get(name)
         if found is None:
@@ -257,7 +260,7 @@ def settings_file(out: Path) -> Path:
 
 
 def open_run(out: str | Path) -> FinishedRun:
-    """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
+    """Read an output folder, also if it was moved or its inputs are missing.
 
     Args:
         out: The folder that was given as ``--out``.
@@ -266,8 +269,8 @@ def open_run(out: str | Path) -> FinishedRun:
         The run with its finished frames.
 
     Raises:
-        InputError: If ``out`` holds no run of this version of the program, or one that was killed
-            before it could describe what it made.
+        InputError: If ``out`` contains no run of this version of the program, or a run that was
+            killed before it wrote its description.
         OutputError: If its records or links lead out of it.
     """
     out = Path(out)

@@ -46,16 +46,16 @@ class Water:
         v: Rate at which w fades, 1/m, 0 or above.
         y: As w.
         x: Rate at which y fades, 1/m, 0 or above.
-        white: What a white surface shows without water, fraction of full scale, above 0.
+        white: Color of a white surface without water, fraction of full scale, above 0.
         standard_errors: Parameter -> (3,) standard error, NaN where the data add nothing to the
-            prior. They are marginal: each holds what all other parameters leave open. The method
-            ``robust`` gives those of y, w, beta, gamma_inf, and of white (of its color: its level
-            is exposure); the method ``paper`` none.
-        input_encoding: Encoding of the images that it was fitted to.
+            prior. They are marginal: each includes the uncertainty of all other parameters. The
+            method ``robust`` gives those of y, w, beta, gamma_inf, and of white (of its color: its
+            level is exposure); the method ``paper`` none.
+        input_encoding: Encoding of the images to which it was fitted.
         warnings: Of the fit, one line each.
         exposure: Gain at which its frames are shown; None where each frame has its own.
-        highlights: Light of so many times the brightest light shown is rolled off to it at that
-            exposure; 1 = no roll-off.
+        highlights: At that exposure, light of up to this multiple of full scale is compressed to
+            full scale; 1 = no roll-off.
         fall_off: Power of the range by which the light of lamps on the rig falls off, besides A: 0
             for daylight, 2 for lamps at the camera.
         matrix: (3, 3) from the camera's colors to those of sRGB, applied to J in linear light; rows
@@ -63,11 +63,11 @@ class Water:
         matrix_errors: (3, 3) standard errors of ``matrix``; None where it was not measured.
         final_sigmoid: Above 0, the backscatter is this times the sigmoid of B above, as the paper
             prints it, and gamma_inf and eta have any sign.
-        typical_range_m: Median range of the pixels that it was fitted to, at which frames without
-            any known range are corrected; None where it is not known.
+        typical_range_m: Median range of the pixels to which it was fitted; frames without any known
+            range are corrected for it; None if unknown.
 
     Raises:
-        ColorError: For values that no water has.
+        ColorError: For impossible values.
     """
 
     gamma_inf: PerChannel
@@ -146,7 +146,7 @@ class Water:
         """The water for JSON.
 
         Returns:
-            Lists in the order R, G, B, null for unknown values; what changes nothing is left out.
+            Lists in the order R, G, B, null for unknown values; neutral values are omitted.
         """
         left_out = (
             *(MATRICES if (self.matrix == np.eye(3)).all() else ()),
@@ -163,7 +163,7 @@ class Water:
         """The water from JSON.
 
         Args:
-            content: What ``content`` gave, read back.
+            content: The result of ``content``, read back.
 
         Returns:
             The water.
@@ -200,7 +200,7 @@ class Water:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Read a water.json that holds one water.
+        """Read a water.json with one set of water parameters.
 
         Args:
             path: The file.
@@ -209,7 +209,7 @@ class Water:
             The water.
 
         Raises:
-            InputError: If it cannot be read, or holds water parameters for each frame.
+            InputError: If it cannot be read, or contains water parameters for each frame.
         """
         path = Path(path)
         body = read_water_document(path)

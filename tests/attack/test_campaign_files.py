@@ -35,7 +35,7 @@ def test_files_of_others_are_not_replaced(make_dive, tmp_path: Path, place: str)
     mine = tmp_path / place
     mine.parent.mkdir(exist_ok=True)
     mine.write_text("{}")
-    with pytest.raises(OutputError, match=f"{place}: is not of this campaign"):
+    with pytest.raises(OutputError, match=f"{place}: was not written by this campaign"):
         campaign(campaign_file(tmp_path))
     assert mine.read_text() == "{}"
     assert not (tmp_path / "one").exists()
@@ -45,7 +45,7 @@ def test_a_campaigns_own_file_is_not_replaced(make_dive, tmp_path: Path) -> None
     make_dive(1)
     file = campaign_file(tmp_path, file="campaign.json")
     before = file.read_bytes()
-    with pytest.raises(OutputError, match=r"campaign\.json: is not of this campaign"):
+    with pytest.raises(OutputError, match=r"campaign\.json: was not written by this campaign"):
         campaign(file)
     assert file.read_bytes() == before
 
@@ -60,7 +60,8 @@ def test_a_campaign_replaces_what_it_wrote_until_somebody_changes_it(
     table = tmp_path / "campaign.csv"
     table.write_text(table.read_text().replace("done", "fine"))
     with pytest.raises(
-        OutputError, match=r"campaign\.csv: is not of this campaign, or was changed since"
+        OutputError,
+        match=r"campaign\.csv: was not written by this campaign, or was changed afterwards",
     ):
         campaign(file)
     assert "fine" in table.read_text()
@@ -74,6 +75,6 @@ def test_a_dive_is_not_called_as_a_file_of_the_campaign(
 ) -> None:
     make_dive(1)
     with pytest.raises(
-        InputError, match=f"a dive is called '{name}', as a file or folder of the campaign itself"
+        InputError, match=f"a dive has the name '{name}' of a file or folder of the campaign"
     ):
         campaign(campaign_file(tmp_path, name))

@@ -79,8 +79,8 @@ def test_bad_views_are_dropped_with_the_reason() -> None:
     found, report = calibrate(views, BOARD)
     reasons = {view.name: view.reason for view in report.views if view.reason}
     assert set(reasons) == {"view4", "view9", "nothing", "small"}
-    assert "taken at different moments" in str(reasons["view4"])
-    assert "do not lie on a flat board in left" in str(reasons["view9"])
+    assert "exposed at different moments" in str(reasons["view4"])
+    assert "do not fit a flat board in left" in str(reasons["view9"])
     assert "not found in the left and the right image" in str(reasons["nothing"])
     assert found.baseline_m == pytest.approx(0.12, rel=0.003)
 
@@ -319,11 +319,11 @@ def test_target_files_of_kalibr(tmp_path: Path) -> None:
         ),
         (
             "target_type: circlegrid\ntargetCols: 6\ntargetRows: 7\nspacingMeters: 0.02",
-            "aprilgrid and checkerboard are read",
+            "aprilgrid and checkerboard targets are supported",
         ),
         (
             "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 88\ntagSpacing: 0.3",
-            "cannot be a target's",
+            "is impossible for a target",
         ),
         (
             "target_type: aprilgrid\ntagCols: 6.5\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3",
@@ -347,7 +347,8 @@ def test_sides_out_of_step_are_named_and_no_rig_is_made(drop: tuple[int, ...], p
         shifted.append(replace(view, right=BOARD.same_labels(view.left, right)))
     with pytest.raises(
         CalibrationError,
-        match=rf"out of step: {place} the right image 1 pair earlier fits.*right side lacks images",
+        match=rf"out of synchronization: {place} the right image 1 pair earlier fits.*right side "
+        "lacks images",
     ):
         calibrate(shifted, BOARD)
 
@@ -370,7 +371,7 @@ def test_a_rig_that_its_views_contradict_is_refused() -> None:
         ("chessboard:9x6", "expected chessboard"),
         ("chessboard:9x6:24.23", "length with its unit"),
         ("chessboard:9by6:24mm", "columns x rows"),
-        ("chessboard:9x6:24m", "cannot be a target's"),
+        ("chessboard:9x6:24m", "is impossible for a target"),
         ("charuco:6X6_9:11x8:30mm:22mm", "no dictionary"),
         ("charuco:5X5_100:11x8:22mm:30mm", "smaller than its square"),
     ],

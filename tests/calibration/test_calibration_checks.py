@@ -246,15 +246,18 @@ K = pinhole_rig().left.K
 SUSPECT = {
     "another resolution": (
         _changed(K=K * [[0.5], [0.5], [1]]),
-        "is K of another resolution (about 652x470)",
+        "does K belong to another resolution (about 652x470)",
     ),
-    "not square": (_changed(K=K * [[1.2], [1], [1]]), "pixels are square"),
+    "not square": (_changed(K=K * [[1.2], [1], [1]]), "pixels are usually square"),
     "focal length": (
         _changed(K=K * [[0.1, 1, 1], [1, 0.1, 1], [1, 1, 1]]),
         "focal length of 110 px",
     ),
-    "fold": (_changed(distortion=np.array([-0.9, 0.0, 0, 0, 0])), "turns back"),
-    "rms": (replace(pinhole_rig(), rms_px=2.5), "own error is 2.50 px"),
+    "fold": (
+        _changed(distortion=np.array([-0.9, 0.0, 0, 0, 0])),
+        "is not monotonic up to the image corners",
+    ),
+    "rms": (replace(pinhole_rig(), rms_px=2.5), "reprojection error of the calibration is 2.50 px"),
     "air": (replace(pinhole_rig(), medium="air"), "calibrated in air"),
 }
 
@@ -287,7 +290,7 @@ def test_fisheye_of_180_degrees_is_beyond_suspicion() -> None:
     round_image = replace(rig.left, K=K)
     assert suspicions(replace(rig, left=round_image, right=round_image)) == ()
     turned_back = replace(rig.left, distortion=np.array([-0.5, 0.0, 0.0, 0.0]))
-    assert "turns back" in "; ".join(suspicions(replace(rig, left=turned_back)))
+    assert "is not monotonic" in "; ".join(suspicions(replace(rig, left=turned_back)))
 
 
 def test_cameras_looking_apart() -> None:
@@ -296,7 +299,7 @@ def test_cameras_looking_apart() -> None:
     T[:3, :3] = cv2.Rodrigues(np.array([0.0, 0.65, 0.0]))[0]
     T[:3, 3] = -T[:3, :3] @ [0.12, 0, 0]
     found = "; ".join(suspicions(replace(rig, T_right_left=T)))
-    assert "turned by 37 degrees" in found
+    assert "rotated by 37 degrees" in found
     assert "rectified images keep" in found
 
 

@@ -85,7 +85,7 @@ def test_of_four_cameras_the_images_choose(tmp_path: Path) -> None:
     assert for_channels(rig, monochrome=False).baseline_m == pytest.approx(0.5327, abs=1e-4)
     gray = for_channels(rig, monochrome=True)
     assert gray.baseline_m == pytest.approx(0.5372, abs=1e-4)
-    assert "gray is taken" in gray.doubts[0]
+    assert "the gray cameras are used" in gray.doubts[0]
     assert gray.alternatives == ()
 
 

@@ -209,7 +209,7 @@ FOREIGN = {
     "one lens of Metashape": "<?xml version='1.0'?>\n<calibration>\n  "
     "<projection>frame</projection><f>1700</f></calibration>",
     "a lens of Pix4D": "Pix4D camera calibration file 1.0\nF 8.8\n",
-    "what MATLAB's window shows of a calibration": "stereoParams =\n  stereoParameters with "
+    "a calibration as MATLAB's window displays it": "stereoParams =\n  stereoParameters with "
     "properties:\n",
     "the lenses of a RealSense camera": '{"left": {"width": 1280, "ppx": 640.1, "fx": 640.2}}',
     "settings of a RealSense camera": '{"device": {"name": "Intel RealSense D435"}}',
@@ -220,6 +220,6 @@ FOREIGN = {
 def test_formats_that_are_not_read_are_named(name: str, tmp_path: Path) -> None:
     (tmp_path / "calib").write_text(FOREIGN[name])
     with pytest.raises(
-        CalibrationError, match=rf"holds {name}, which is not read here: write both cameras"
+        CalibrationError, match=rf"holds {name}, which is not supported: write both cameras"
     ):
         load_rig(tmp_path / "calib")

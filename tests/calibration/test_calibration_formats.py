@@ -347,11 +347,11 @@ REFUSED = {
     ),
     "rotation": (
         NATIVE.replace("[[1.0, 0.0, 0.0, -0.1]", "[[1.1, 0.0, 0.0, -0.1]"),
-        "the rotation is not one",
+        "R is not a rotation",
     ),
     "mono": (ROS_LEFT, "one camera of a ROS pair"),
-    "intrinsics alone": (OPENCV_INTRINSICS, "extrinsics file too"),
-    "extrinsics alone": (OPENCV_EXTRINSICS, "intrinsics file too"),
+    "intrinsics alone": (OPENCV_INTRINSICS, "also give the extrinsics file"),
+    "extrinsics alone": (OPENCV_EXTRINSICS, "also give the intrinsics file"),
     "a transform of 14 numbers": (
         "K1: [[478, 0, 289], [0, 478, 220], [0, 0, 1]]\n"
         "K2: [[478, 0, 289], [0, 478, 220], [0, 0, 1]]\n"
@@ -410,7 +410,7 @@ def test_writers_refuse_what_their_format_cannot_hold(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match="no distortion model of 14"):
         write_rig(StereoRig(tilted, tilted, T), tmp_path / "pair", "ros")
     five = Camera(K, np.full(5, 0.01), (640, 480))
-    with pytest.raises(CalibrationError, match="radtan has k1 k2 p1 p2 alone"):
+    with pytest.raises(CalibrationError, match="radtan has only k1 k2 p1 p2"):
         write_rig(StereoRig(five, five, T), tmp_path / "camchain.yaml", "kalibr")
     with pytest.raises(CalibrationError, match="two files: give"):
         write_rig(StereoRig(five, five, T), tmp_path / "one.yaml", "ros")

@@ -208,12 +208,12 @@ def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("size", "said"),
     [
-        ((960, 1280), "turned by a quarter: turn them back"),
+        ((960, 1280), "rotated by 90 degrees: rotate them back"),
         ((2560, 960), "both sides lay side by side in it: give it as --left and as --right"),
         ((1280, 1920), "one above the other: give it as --left and as --right"),
         ((640, 1920), "one above the other: give it as --left and as --right"),
         ((640, 960), "squeezed to half its width: stretch both sides"),
-        ((1280, 720), "a cut-out or another camera"),
+        ((1280, 720), "a crop or another camera"),
     ],
 )
 def test_what_images_of_another_shape_may_be(size: tuple[int, int], said: str) -> None:

@@ -170,7 +170,10 @@ def test_cameras_whose_names_tell_no_side_are_taken_in_order_and_said(
 ) -> None:
     cameras = {f"unit_{side[0]}x": BOTH[side] for side in order}
     found = read(cameras | POSE, tmp_path)
-    assert any(f"the first, unit_{order[0][0]}x, is taken" in doubt for doubt in found.doubts)
+    assert any(
+        f"the first, unit_{order[0][0]}x, is used as the left one" in doubt
+        for doubt in found.doubts
+    )
 
 
 def test_places_with_rotations_either_way_are_left_to_the_images(tmp_path: Path) -> None:
@@ -221,16 +224,16 @@ NORMALIZED = {
 ANGLES = np.degrees(Rotation.from_matrix(RIG.R).as_euler("xyz")).tolist()
 REFUSED: dict[str, tuple[str | Mapping[str, Any], str]] = {
     "angles": (BOTH | {"rotation_deg": ANGLES, "T": PLAIN["T"]},
-               "rotation_deg: angles of a rotation, whose order differs"),
+               "rotation_deg: rotation angles are ambiguous, because their order differs"),
     "roll, pitch, yaw": (BOTH | dict(zip(("roll", "pitch", "yaw"), ANGLES, strict=True)) | {
-                         "T": PLAIN["T"]}, "angles of a rotation, whose order differs"),
+                         "T": PLAIN["T"]}, "rotation angles are ambiguous"),
     "a rotation vector in degrees": (PLAIN | {"R": [10.0, 3.0, 0.1]}, "longer than a full turn"),
     "parts of the width": (PLAIN | NORMALIZED, "cannot be in pixels"),
     "six coefficients": (PLAIN | {"D1": [0.1] * 6, "D2": [0.1] * 6}, "coefficients, got 6"),
     "nothing where a number is due": (PLAIN | {"T": [None, 0, 0]}, "T: nan is not a finite"),
     "arrays of NumPy in YAML": (yaml.dump({"K1": RIG.left.K}), r"write the arrays with .tolist"),
     "names of files": ({"K1": [True, "left/K.csv"], "K2": [True, "right/K.csv"]},
-                       "names of files, such as left/K.csv: give the folder"),
+                       "only file names, such as left/K.csv: give the folder"),
     "a name twice": ("K1 1 2 3 4\nK1 5 6 7 8\n", "'K1' is given twice"),
 }  # fmt: skip
 

@@ -66,7 +66,7 @@ def test_the_simplest_explanation_is_taken() -> None:
     assert [movement.name for movement in found.movements] == ["pitch"]
     text = "\n".join(found.lines())
     assert "a vertical offset of +1." in text
-    assert "not seen by vertical disparity: the length of the baseline" in text
+    assert "not visible in vertical disparity: the length of the baseline" in text
 
 
 @pytest.mark.slow
@@ -99,7 +99,7 @@ def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
 def test_a_calibration_made_in_air_is_not_refined() -> None:
     """Yaw and scale together would hide it, with ranges wrong by a quarter."""
     rig = port_rig(0.02, toe_in=0.03)
-    with pytest.raises(CalibrationError, match=r"made in air.*by a wrong yaw"):
+    with pytest.raises(CalibrationError, match=r"made in air.*with a wrong yaw"):
         refine_matches(replace(rig, port=None), dive(rig))
 
 

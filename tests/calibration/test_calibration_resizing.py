@@ -48,11 +48,11 @@ def test_a_cut_out_is_no_resizing() -> None:
         CalibrationError, match=r"640x480 px cannot be resized to 640x400: .*\(1 and 0.8333\)"
     ):
         resized_rig(RIG, (640, 400))
-    assert "a cut-out or another camera" in wrong_size("left", (640, 400), (640, 480))
+    assert "a crop or another camera" in wrong_size("left", (640, 400), (640, 480))
 
 
 def test_a_right_image_alone_of_another_size_is_not_mended_by_the_calibration() -> None:
-    assert "the left image fits it: give images of the sizes" in wrong_size(
+    assert "the left image fits it: give images of the calibrated sizes" in wrong_size(
         "right", (320, 240), (640, 480)
     )
 
@@ -94,7 +94,8 @@ def test_a_file_without_a_size_that_was_made_at_another_is_refused(
     assert load_rig_of_images(file, (640, 480)).left.image_size == (640, 480)
     with pytest.raises(
         CalibrationError,
-        match=f"in the middle of images of about {made} px, and these are of {size[0]}x{size[1]}",
+        match=f"in the middle of images of about {made} px, but these images have "
+        f"{size[0]}x{size[1]}",
     ):
         load_rig_of_images(file, size)
     convert_calib(file, tmp_path / "resized.yaml", "native", "640x480", f"{size[0]}x{size[1]}")

@@ -264,7 +264,7 @@ def test_settings_and_machine(parsed) -> None:
     ("words", "exit_code", "message"),
     [
         (("fuse", "nowhere"), 1, "nowhere"),
-        (("evaluate",), 2, "give a run's folder with --truth"),
+        (("evaluate",), 2, "give the folder of a run with --truth"),
         (("run", "--left", "L"), 2, "--right is missing"),
         (("config", "--set", "color.lok=survey"), 1, "did you mean 'color.lock'"),
     ],

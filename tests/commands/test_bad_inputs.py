@@ -112,7 +112,7 @@ def pose(x: float, scale: float = 1.0) -> list[list[float]]:
     ("key", "value", "message"),
     [
         ("left.K", None, "left.K"),
-        ("T_right_left", pose(-0.1, scale=2.0), "the rotation is not one"),
+        ("T_right_left", pose(-0.1, scale=2.0), "R is not a rotation"),
         ("T_right_left", pose(0.0), "the baseline is zero"),
         ("T_right_left", pose(-94.0), "millimeters it is 0.094 m"),
         ("left.K", [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "focal lengths must be positive"),
@@ -195,7 +195,7 @@ def test_a_calibration_of_another_size_stops_the_run(make_dive, cli, tmp_path) -
     code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
     assert code == 1
     assert re.search(
-        rf"convert-calib {twice} resized.yaml --resize {width}x{height}; if they were cut out", said
+        rf"convert-calib {twice} resized.yaml --resize {width}x{height}; if they were cropped", said
     )
     assert said.count("\n") == 1
 
@@ -404,5 +404,7 @@ def test_sides_out_of_step_stop_the_run(cli, tmp_path) -> None:
     code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
     assert code == 1
     assert re.search(
-        r"left and right are 1 image out of step: 000(\d).png fits 000\d.png, not 000\1.png", said
+        r"left and right are 1 image out of synchronization: 000(\d).png fits 000\d.png, not "
+        r"000\1.png",
+        said,
     )

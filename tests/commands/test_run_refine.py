@@ -46,7 +46,7 @@ def test_a_moved_rig_is_refined_once(
     assert np.degrees(pitch.value) == pytest.approx(
         -PITCH_DEG, abs=max(0.02, np.degrees(4 * pitch.std))
     )
-    assert "not seen by vertical disparity" in (out / "rig.yaml").read_text()
+    assert "not visible in vertical disparity" in (out / "rig.yaml").read_text()
     assert open_run(out).rig.refinement == refined.refinement
     assert open_run(out).config.input.refine
 

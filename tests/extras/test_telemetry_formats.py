@@ -38,7 +38,7 @@ def test_velocities_alone_are_named(tmp_path: Path) -> None:
     path = tmp_path / "dvl.jsonl"
     row = json.dumps({"time": 106.3, "vx": 0.1, "type": "velocity", "format": "json_v3.1"})
     path.write_text(f"{row}\n{row}\n")
-    with pytest.raises(InputError, match="velocities alone"):
+    with pytest.raises(InputError, match="velocities only"):
         read_trajectory(path)
 
 

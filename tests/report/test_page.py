@@ -97,7 +97,7 @@ def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
     assert data(out)["calibration"].startswith(
-        "Standard errors include 0.5 % of a length for the calibration"
+        "Standard errors include a calibration error of 0.5 % of a length"
     )
     assert "0.5 % is an assumption" in data(out)["calibration"]
     assert "yaw" not in data(out)["calibration"]
@@ -112,7 +112,7 @@ def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> 
     )
     report(out)
     assert data(out)["calibration_std"] == pytest.approx(0.005)
-    assert "as the calibration itself states (Kalibr)" in data(out)["calibration"]
+    assert "according to the calibration (Kalibr)" in data(out)["calibration"]
 
 
 @pytest.mark.slow
@@ -153,7 +153,7 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
     (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, refinement=refinement)))
     report(out)
-    said = re.search(r"yaw makes ([0-9.]+) % of a range of ([0-9.]+) m", data(out)["calibration"])
+    said = re.search(r"yaw adds ([0-9.]+) % at a range of ([0-9.]+) m", data(out)["calibration"])
     assert said
     assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
     assert data(out)["calibration_std"] == pytest.approx(
@@ -183,7 +183,7 @@ def test_a_dive_without_faults_is_called_good(
     dive, known = make_dive(2), load_config(None, ["color.robust.white_point=[1, 1, 1]"])
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", known)
     page = (tmp_path / "out/index.html").read_text("utf-8")
-    assert "Good: nothing stands out." in page
+    assert "Good: no problem was detected." in page
     assert "2 of 2" in page
     assert "baseline 100 mm" in page
 
@@ -204,7 +204,7 @@ def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_pa
     go(dive, tmp_path / "out")
     report(tmp_path / "out")
     page = (tmp_path / "out/index.html").read_text("utf-8")
-    assert "Look at this before you use the results:" in page
+    assert "Check this before you use the results:" in page
     assert "1 of 3 pairs failed." in page
     assert re.search(
         r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S
@@ -222,7 +222,7 @@ def test_a_run_without_a_good_frame_has_a_page(
         cv2.imwrite(str(file), noise.integers(0, 256, cv2.imread(str(file)).shape, np.uint8))
     go(dive, tmp_path / "out")
     assert report(tmp_path / "out").made == 0
-    assert "No frame went through all stages." in (tmp_path / "out/index.html").read_text("utf-8")
+    assert "No frame finished all stages." in (tmp_path / "out/index.html").read_text("utf-8")
 
 
 @pytest.mark.slow

@@ -201,7 +201,7 @@ def test_the_overview_shows_its_pictures(opened: Callable[[str], Page]) -> None:
     assert (
         page.locator(".verdict .line")
         .inner_text()
-        .endswith("Look at this before you use the results:")
+        .endswith("Check this before you use the results:")
     )
     until(
         page,
@@ -236,7 +236,7 @@ def test_the_strip_is_walked_by_keys_and_filtered(opened: Callable[[str], Page])
     page = opened("frames/0000")
     page.locator(".strip").press("ArrowRight")
     expect(page.locator(".frame-name")).to_have_text("0001")
-    assert page.locator(".stage .empty").inner_text() == "This frame has no picture: Failed."
+    assert page.locator(".stage .empty").inner_text() == "This frame has no image: Failed."
     page.locator(".toolbar select").first.select_option("failed")
     assert page.locator(".count").inner_text() == "1 of 3"
     assert page.locator(".strip-item").count() == 1
@@ -273,8 +273,8 @@ def test_a_white_within_its_error_is_chosen_by_sliders_and_saved_for_a_rerun(
     page.get_by_role("button", name="White point").click()
     until(page, "document.querySelector('.stage img').naturalWidth > 0")
     before = decode_srgb(screen(page, tmp_path))
-    page.get_by_label("Red against green").fill("1")
-    page.get_by_label("Blue against green").fill("-0.5")
+    page.get_by_label("Red relative to green").fill("1")
+    page.get_by_label("Blue relative to green").fill("-0.5")
     gains = np.median(decode_srgb(screen(page, tmp_path)) / np.maximum(before, 1e-6), axis=(0, 1))
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save the water").click()
@@ -647,7 +647,7 @@ def test_a_gap_is_hatched_with_a_dark_edge_and_a_click_on_it_says_why(
         box = box_of(page.locator(".map-stage"))
         x, y = middle
         page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
-        expect(page.locator(".found")).to_contain_text("No range: images show the place")
+        expect(page.locator(".found")).to_contain_text("No range: images show this spot")
         expect(page.locator(".found .card").first).to_be_visible()
         page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 0.7 * box["height"])
         expect(page.locator(".found")).to_contain_text("frames saw this spot")
@@ -848,7 +848,7 @@ def test_measures_on_the_map_are_those_of_the_command_line(
         on_map.get_by_role("button", name="Save as CSV").click()
     saved.value.save_as(tmp_path / "points.csv")
     with on_map.expect_download() as saved:
-        on_map.get_by_role("button", name="Save to keep").click()
+        on_map.get_by_role("button", name="Save measurements (JSON)").click()
     saved.value.save_as(tmp_path / "measures.json")
     for name in ("points.csv", "measures.json"):
         for mine, theirs in zip(stored(on_map), measure(mapped, tmp_path / name), strict=True):
@@ -889,7 +889,7 @@ def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_th
         expect(labels(tab).nth(0)).to_have_value("Acropora")
         expect(labels(tab).nth(1)).to_have_value("Porites")
     with tabs[0].expect_download() as saved:
-        tabs[0].get_by_role("button", name="Save to keep").click()
+        tabs[0].get_by_role("button", name="Save measurements (JSON)").click()
     theirs = opened(new_context())
     expect(labels(theirs)).to_have_count(0)
     saved.value.save_as(out / "measures.json")
@@ -900,7 +900,7 @@ def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_th
     theirs.reload()
     theirs.get_by_role("button", name="Point", exact=True).click()
     expect(labels(theirs)).to_have_count(1)
-    theirs.get_by_label("Load kept measures").set_input_files(out / "measures.json")
+    theirs.get_by_label("Load measurements (JSON)").set_input_files(out / "measures.json")
     expect(labels(theirs)).to_have_count(2)
 
 
@@ -908,7 +908,7 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
     """The interval of 4 of 5 is Wilson's, from his paper's formula worked by hand."""
     on_map.get_by_label("How many points").fill("12")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labeled")
     expect(on_map.locator(".map-marks .point")).to_have_count(1)
     label = on_map.get_by_label("Label of this point")
     for name in ("Sand", "Sand", "Rock", "Sand", "Sponge"):
@@ -916,7 +916,7 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
         label.press("Enter")
     on_map.get_by_role("button", name="Take back the last label").click()
     on_map.get_by_role("button", name="This point is Sand").click()
-    expect(on_map.locator(".cover output").first).to_have_text("5 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("5 of 12 labeled")
     first = on_map.locator(".cover tbody tr").first.locator("td")
     assert first.all_inner_texts() == ["Sand", "4", "80 %", "37.6 to 96.4 %"]
     with on_map.expect_download() as saved:
@@ -976,7 +976,7 @@ def test_a_button_beside_a_field_is_pressed_by_the_click_that_leaves_the_field(
     expect(on_map.locator("#map .measures tbody tr")).to_have_count(1)
     on_map.get_by_label("Label of measure 1", exact=True).click()
     on_map.keyboard.type("s")
-    on_map.get_by_role("button", name="Take back the last measure labelled Rocks").click()
+    on_map.get_by_role("button", name="Take back the last measure labeled Rocks").click()
     expect(on_map.locator("#map .measures tbody tr")).to_have_count(0)
 
 
@@ -990,7 +990,7 @@ def test_the_map_is_in_sight_while_its_points_are_labelled(
     page.get_by_label("How many points").fill("5")
     page.get_by_role("button", name="Random points").click()
     for done, by_mouse in enumerate((False, False, True, False)):
-        expect(page.locator(".cover output").first).to_have_text(f"{done} of 5 labelled")
+        expect(page.locator(".cover output").first).to_have_text(f"{done} of 5 labeled")
         everything_in_sight(page, height)
         if by_mouse:
             page.get_by_role("button", name="This point is Sand").click()
@@ -1032,14 +1032,14 @@ def everything_in_sight(page: Page, height: int) -> None:
 def test_points_that_others_replace_come_back(on_map: Page) -> None:
     on_map.get_by_label("How many points").fill("10")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output").first).to_have_text("0 of 10 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 10 labeled")
     on_map.keyboard.type("Sand")
     on_map.keyboard.press("Enter")
     on_map.get_by_label("How many points").fill("12")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labeled")
     on_map.get_by_role("button", name="Take back the last label").click()
-    expect(on_map.locator(".cover output").first).to_have_text("1 of 10 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("1 of 10 labeled")
 
 
 @pytest.mark.parametrize("view", ["In three dimensions", "Mosaic", "Terrain"])
@@ -1113,7 +1113,7 @@ def test_points_go_to_coralnet_and_come_back_with_labels(
     """The table has the form that CoralNet exports; ``metrics`` counts the same labels."""
     on_map.get_by_label("How many points").fill("12")
     on_map.get_by_role("button", name="Random points").click()
-    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labeled")
     with on_map.expect_download() as saved:
         on_map.get_by_role("button", name="Save points for CoralNet").click()
     saved.value.save_as(tmp_path / "points.csv")
@@ -1129,7 +1129,7 @@ def test_points_go_to_coralnet_and_come_back_with_labels(
         writer.writeheader()
         writer.writerows(rows)
     on_map.get_by_label("Load CoralNet's annotations").set_input_files(tmp_path / "annotations.csv")
-    expect(on_map.locator(".cover output").first).to_have_text("13 of 13 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("13 of 13 labeled")
     first = on_map.locator(".cover tbody tr").first.locator("td")
     found = metrics(mapped, points=tmp_path / "annotations.csv").point_cover
     assert [(each.label, each.points) for each in found] == [("Porites, massive", 9), ("CCA", 4)]
@@ -1141,7 +1141,7 @@ def test_points_go_to_coralnet_and_come_back_with_labels(
         f"{low:.3g} to {high:.3g} %",
     ]
     on_map.get_by_role("button", name="Take back the last label").click()
-    expect(on_map.locator(".cover output").first).to_have_text("12 of 13 labelled")
+    expect(on_map.locator(".cover output").first).to_have_text("12 of 13 labeled")
     rows[3]["Name"] = "other.png"
     with (tmp_path / "wrong.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, [*rows[0]])
@@ -1169,7 +1169,7 @@ def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) ->
     count, plan, of_seen, of_outlined = cells.all_inner_texts()[1:5]
     assert (count, of_outlined) == ("2", "100 %")
     assert 0 < float(of_seen.split()[0]) < 100 and float(plan.split()[0]) > 0
-    on_map.get_by_role("button", name="Take back the last measure labelled Acropora").click()
+    on_map.get_by_role("button", name="Take back the last measure labeled Acropora").click()
     expect(on_map.locator("#map .measures").first.locator("tbody tr")).to_have_count(1)
 
 

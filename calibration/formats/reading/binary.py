@@ -93,14 +93,12 @@ def _refuse_pickle(_: bytes) -> dict[str, Any]:
 
 def _read_mat5(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, Any]:
     if len(raw) < HEADER_BYTES:
-        raise CalibrationError("is cut off: it is shorter than the header of a MAT-file")
+        raise CalibrationError("is truncated: it is shorter than the header of a MAT-file")
     variables = dict(Mat5Reader(raw, byte_order(raw[126:128]), most_bytes).variables(HEADER_BYTES))
     subsystem = variables.pop("", None)
     if any(isinstance(value, Opaque) for value in variables.values()):
         if subsystem is None or not hasattr(subsystem, "tobytes"):
-            raise CalibrationError(
-                "is cut off or damaged: the part that should hold its objects is missing"
-            )
+            raise CalibrationError("is truncated or damaged: the part with its objects is missing")
         objects = ObjectTable.of(subsystem_cells(subsystem.tobytes()))
         variables = {name: objects.resolve(value) for name, value in variables.items()}
     return variables

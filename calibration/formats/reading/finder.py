@@ -79,7 +79,9 @@ def find(content: Mapping[str, Any]) -> Parts:
         table |= own
         if own:
             left = ".".join(lenses[0][0].path[:-1])
-            doubts = (f"no name shows which camera is the left one: the first, {left}, is taken",)
+            doubts = (
+                (f"no name identifies the left camera: the first, {left}, is used as the left one"),
+            )
     return Parts(table, 0 if sided or len(numbers) < 3 else len(numbers), doubts)
 
 

@@ -113,8 +113,8 @@ def fitted_camera(where: str, plane: Plane, K: Array, size: Size, name: str) -> 
     )
     if error_px > LIMITS.error_px:
         raise CalibrationError(
-            f"{where}: no lens model here comes nearer to this {name} than {error_px:.2f} px: "
-            "calibrate with pinhole or equidistant"
+            f"{where}: no supported lens model agrees with this {name} better than "
+            f"{error_px:.2f} px: calibrate with pinhole or equidistant"
         )
     focal = np.diag([terms[0], terms[0], 1.0])
     return make_camera(where, K @ focal, terms[1:] / terms[0], size, model)

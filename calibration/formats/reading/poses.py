@@ -84,7 +84,7 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
                     f"{key} ({length_mm:.1f} mm)"
                     for key, length_mm in zip((pose.key, other.key), lengths_mm, strict=True)
                 )
-                others.append(f"holds two baselines, of {mine} and of {its}: {pose.key} is taken")
+                others.append(f"contains two baselines, of {mine} and of {its}: {pose.key} is used")
     return replace(pose, doubts=(*pose.doubts, *parts.doubts, *others))
 
 
@@ -111,8 +111,9 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
         sides: tuple[Side, ...] = ("", "both", "right")
         for angles in filter(None, (parts.get("angles", side) for side in sides)):
             raise CalibrationError(
-                f"{where}: {_name(angles)}: angles of a rotation, whose order differs between "
-                "tools: give R as a matrix, a quaternion, or a rotation vector in radians"
+                f"{where}: {_name(angles)}: rotation angles are ambiguous, because their order "
+                "differs between tools: give R as a matrix, a quaternion, or a rotation "
+                "vector in radians"
             )
 
 

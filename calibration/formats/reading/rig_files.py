@@ -71,7 +71,7 @@ def left_first(cameras: list[Section], where: Path | str) -> list[Section]:
             if set(by_side) == {(left,), (right,)}:
                 return [by_side[left,], by_side[right,]]
     raise CalibrationError(
-        f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml"
+        f"{where}: it is unclear which of two cameras is the left one: give left.yaml,right.yaml"
     )
 
 

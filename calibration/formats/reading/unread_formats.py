@@ -14,11 +14,11 @@ FOREIGN = {
     "a lens of Pix4D": r"\APix4D camera calibration",
     "settings of a RealSense camera": r"RealSense",
     "the lenses of a RealSense camera": r"\"ppx\"\s*:",
-    "what MATLAB's window shows of a calibration": (
+    "a calibration as MATLAB's window displays it": (
         r"^[ \t]*(?:stereoParams|stereoParameters)[ \t]*=[ \t]*$"
         r"|^[ \t]*(?:RotationOfCamera2|CameraParameters1):[ \t]*\["
     ),
-    "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",  # noqa: E501
+    "rectification maps without their cameras": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",
     "coefficients of a direct linear transformation (DLT)": (
         rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z|<cal\.coeff\b|\bdlt_?coef"
     ),
@@ -40,7 +40,7 @@ def foreign(text: str) -> str | None:
     for name, pattern in FOREIGN.items():
         if re.search(pattern, text, re.MULTILINE):
             return (
-                f"holds {name}, which is not read here: write both cameras and the transform "
+                f"holds {name}, which is not supported: write both cameras and the transform "
                 "between them as cam.yaml, the native file of docs/calibration.md"
             )
     return None

@@ -252,13 +252,13 @@ class OtherResults:
             name = named if folder != Path(given) else folder.resolve().name
             if name in (*METHODS, PAPER, OURS):
                 raise InputError(
-                    f"{folder}: a method that is scored anyway is called {name!r} too: give "
+                    f"{folder}: a method of the table already has the name {name!r}: give "
                     "another name, name=folder"
                 )
             if name in found:
                 raise InputError(
-                    f"{folder}: another folder of results is called {name!r} too: give a name, "
-                    "name=folder"
+                    f"{folder}: another folder of results has the name {name!r}, too: give "
+                    "another name, name=folder"
                 )
             found[name] = _by_stem(list_images(folder, "corrected images").files)
         return cls(found)
@@ -276,9 +276,9 @@ class OtherResults:
         for method, files in self.folders.items():
             if files.keys().isdisjoint(stems):
                 raise InputError(
-                    f"{method}: none of its images is called like one of those to be scored: its "
-                    f"first is {min(files)!r}, theirs is {min(stems)!r}: give its images the names "
-                    "of those that they were made from"
+                    f"{method}: none of its images has the name of an image to score: its first "
+                    f"is {min(files)!r}, the first to score is {min(stems)!r}: name its "
+                    "images like their source images"
                 )
 
     def corrected(self, stem: str, shape: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
@@ -308,8 +308,8 @@ def _by_stem(files: Iterable[Path]) -> dict[str, Path]:
     for path in files:
         if path.stem in found:
             raise InputError(
-                f"{path}: {found[path.stem].name} is an image of that name too: leave one of them "
-                "in the folder"
+                f"{path}: {found[path.stem].name} has the same name: leave only one of them in "
+                "the folder"
             )
         found[path.stem] = path
     return found
@@ -319,7 +319,5 @@ def _of_size(path: Path, shape: tuple[int, ...]) -> Image:
     image = read_image(path)
     if image.shape[:2] != shape[:2]:
         size, expected = (f"{sides[1]}x{sides[0]}" for sides in (image.shape, shape))
-        raise InputError(
-            f"{path}: is {size} px, and the image that it was made from is {expected}: resize it"
-        )
+        raise InputError(f"{path}: is {size} px, but its source image is {expected}: resize it")
     return image

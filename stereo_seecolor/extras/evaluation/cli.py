@@ -115,7 +115,8 @@ def evaluate(
         report.end(vars(spread), spread_text(spread))
     if out is None or truth is None:
         raise typer.BadParameter(
-            "give a run's folder with --truth or --spread, or --chart with --images and --range"
+            "give the folder of a run with --truth or --spread, or --chart with --images and "
+            "--range"
         )
     with report.working():
         scores = evaluate_run(out, truth)
@@ -186,8 +187,8 @@ def water(
     with report.working():
         if [poses is not None, chart, bool(white or sand)].count(True) != 1:
             raise InputError(
-                "water: give --poses FILE for attenuation and backscatter; or for the white point "
-                "--chart, or spots by --white or --sand"
+                "water: give --poses FILE for attenuation and backscatter; or for the white "
+                "point --chart, or spots with --white or --sand"
             )
         result = (
             measure_water(out, poses, settings.load(run=out))
@@ -206,15 +207,15 @@ def truth_text(report: "TruthReport") -> str:
     ranges, color, raw = report.range, report.color, report.raw_color
     measures = (
         ("mean angle to the true color, degrees", "angle_deg", ".2f"),
-        ("the same after the best gain a channel", "angle_after_gains_deg", ".2f"),
+        ("the same after the best gain for each channel", "angle_after_gains_deg", ".2f"),
         ("CIEDE2000, median", "ciede2000", ".2f"),
-        ("red/blue far against near, true = 1", "range_consistency", ".3f"),
+        ("red/blue, far over near, true = 1", "range_consistency", ".3f"),
         ("pixels clipped", "clipped_fraction", ".2%"),
     )
     return (
         lines(
-            f"{len(report.frames)} frames against truth, means over frames; no result for "
-            f"{len(report.missing)} frames",
+            f"{len(report.frames)} frames compared with ground truth, means over frames; no "
+            f"result for {len(report.missing)} frames",
             f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off "
             f"by over 1 px {ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured "
             f"{ranges.coverage:.1%} of the pixels that both cameras see",
@@ -269,7 +270,7 @@ def charts_text(report: "ChartReport") -> str:
         f"{method}: has no image of {', '.join(stems)}: its means leave them out"
         for method, stems in report.missing.items()
     ]
-    sheet = f"  {report.sheet}: every method on every frame, to look at"
+    sheet = f"  {report.sheet}: contact sheet of every method on every frame"
     return table(columns, rows) + _ranges_text(report) + lines(*without, *missing, sheet)
 
 
@@ -353,7 +354,7 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
     )
     each = [
         f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} "
-        "degrees from the white of all"
+        "degrees from the common white point"
         + (
             ""
             if isnan(chart.ciede2000)
@@ -361,19 +362,19 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
         )
         for chart in result.charts
     ]
-    left_out = [f"not used: {name}, which looks like a white card" for name in result.left_out]
-    first = f"white point against green, from {counted(len(each), 'target')}: {shown}"
+    left_out = [f"not used: {name}, similar to a white card" for name in result.left_out]
+    first = f"white point relative to green, from {counted(len(each), 'target')}: {shown}"
     return [first, *each, *left_out, *_trend_lines(result), *_matrix_lines(result)]
 
 
 def _trend_lines(result: "MeasuredWater") -> list[str]:
     if not result.trend:
-        return ["the charts are at one range: they do not check the water"]
+        return ["all charts are at one range: they cannot test the attenuation and backscatter"]
     (red, blue), errors = result.trend.per_m, result.trend.error
     return [
-        f"left over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 where the "
-        "water is right): against green, "
-        f"red {red:+.1%} +- {errors[0]:.1%} a meter, blue {blue:+.1%} +- {errors[1]:.1%}"
+        f"residual change over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 "
+        f"if the water parameters are correct): relative to green, red {red:+.1%} +- "
+        f"{errors[0]:.1%} per meter, blue {blue:+.1%} +- {errors[1]:.1%}"
     ]
 
 

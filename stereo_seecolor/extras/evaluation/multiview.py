@@ -358,7 +358,7 @@ def _check(observations: Observations) -> None:
     if len(observations.patch) < SETTINGS.least_observations:
         raise ColorError(
             f"only {len(observations.patch)} observations of patches of the reef that several "
-            "frames see: the frames do not overlap, or the trajectory is not theirs"
+            "frames see: the frames do not overlap, or the trajectory belongs to another dive"
         )
     first = np.flatnonzero(np.diff(observations.patch, prepend=-1))
     near, far = (

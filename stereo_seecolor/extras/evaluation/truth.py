@@ -91,8 +91,8 @@ def true_frames(truth: Path) -> list[str]:
     names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
     if not names:
         raise InputError(
-            f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by "
-            "'stereo-seecolor synthesize'"
+            f"{truth}: holds no range/*.tiff: give the truth folder of a dive that "
+            "'stereo-seecolor synthesize' made"
         )
     return names
 
@@ -290,7 +290,7 @@ def _refuse_missing(others: OtherResults, names: Sequence[str]) -> None:
     others.refuse_other_names(names)
     for method, missing in others.missing(names).items():
         raise InputError(
-            f"{method}: holds no image called {missing[0]}: give a folder with the rectified "
+            f"{method}: contains no image named {missing[0]}: give a folder with the rectified "
             "image of every frame"
         )
 
@@ -307,8 +307,8 @@ def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
         value, expected = float(getattr(found, name)), float(getattr(dive, name))
         if abs(value - expected) > GEOMETRY_TOLERANCE * abs(expected):
             raise InputError(
-                f"{out}: was made with another calibration than that of {truth}: its {name} is "
-                f"{value:.9g}, not {expected:.9g}: give the truth of the dive that was run"
+                f"{out}: was made with another calibration than {truth}: its {name} is "
+                f"{value:.9g}, not {expected:.9g}: give the truth of this dive"
             )
 
 
@@ -321,6 +321,6 @@ def _check_images(frames: Iterable[FinishedFrame], out: Path, truth: Path) -> No
             and hashlib.sha256(image.read_bytes()).hexdigest() != frame.sha256
         ):
             raise InputError(
-                f"{out}: was made from other images than those beside {truth}: {image} is not the "
-                f"image {frame.name} of the run: give the truth of the dive that was run"
+                f"{out}: was made from other images than those of {truth}: {image} is not the "
+                f"image {frame.name} of the run: give the truth of this dive"
             )

@@ -97,7 +97,8 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
     if trajectory.fixes:
         raise InputError(
-            f"{poses}: holds positions alone: fuse with them, and give OUT/map/trajectory.tum here"
+            f"{poses}: contains only positions: fuse with them, and give OUT/map/trajectory.tum "
+            "here"
         )
     placed = place(index, trajectory, config.mapping)
     scene = _one_water(run, list(index.names))
@@ -167,8 +168,8 @@ def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:
                 x, y = map(float, pixel.split(","))
             except ValueError:
                 raise InputError(
-                    f"--{kind} {one}: needs FRAME:x,y, a frame and a pixel of it, such as "
-                    f"{names[0]}:310,225"
+                    f"--{kind} {one}: needs FRAME:x,y, a frame and one of its pixels, for "
+                    f"example {names[0]}:310,225"
                 ) from None
             if frame not in names:
                 raise InputError(f"--{kind} {one}: the run has no frame {frame!r}")
@@ -183,9 +184,9 @@ def _nothing_seen(out: Path, given: Targets | None, left_out: tuple[str, ...]) -
         else f"{out}: none of the given targets"
     )
     unlikely = (
-        f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
+        f" ({', '.join(left_out)}: their color is unlikely for white here)" if left_out else ""
     )
-    shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
+    shown = f"shows gray patches with a known range that are neither clipped nor dark{unlikely}"
     return InputError(
         f"{where} {shown}: give corners with --targets, or other spots with --white or --sand"
     )

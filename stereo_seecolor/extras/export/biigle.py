@@ -69,5 +69,5 @@ def _ground(posed: PosedRun, range_m: np.ndarray) -> list[str]:
 
 
 FORMAT = ExportFormat(
-    "images, and metadata.csv with time, place, distance and area of each", "BIIGLE", write
+    "images, and metadata.csv with time, position, distance and area of each", "BIIGLE", write
 )

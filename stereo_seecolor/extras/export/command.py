@@ -21,7 +21,7 @@ from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
-GEOTIFFS = f"{MAP}/{MOSAIC} and {MAP}/{TERRAIN} of OUT are GeoTIFFs, to be opened as they are"
+GEOTIFFS = f"{MAP}/{MOSAIC} and {MAP}/{TERRAIN} of OUT are GeoTIFFs; open them directly"
 """What programs for maps need no export for."""
 FOR_MAPS = ("qgis", "arcgis", "arcmap", "geotiff")
 
@@ -73,7 +73,7 @@ def _instead(name: str) -> str:
             if program in re.findall(r"\w+", load("exports", key, ExportFormat).opens.lower()):
                 found.append(f"--to {key}")
     said = [GEOTIFFS] if program in FOR_MAPS else []
-    said += [f"for {name} take {' or '.join(found)}"] if found else []
+    said += [f"for {name} use {' or '.join(found)}"] if found else []
     return "; ".join(said) or f"one of {', '.join(added('exports'))}"
 
 

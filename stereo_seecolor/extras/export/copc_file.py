@@ -119,7 +119,7 @@ def _records(cloud: NDArray[np.void], from_offset: NDArray[np.float64]) -> NDArr
 
 
 FORMAT = ExportFormat(
-    "the point cloud as COPC, loaded piece by piece",
+    "the point cloud as COPC, which viewers load in parts",
     "QGIS, PDAL, CloudCompare, viewer.copc.io",
     write,
 )

@@ -36,9 +36,9 @@ def write(posed: PosedRun, folder: Path) -> str:
     cells, fraction = _fill_mosaic(posed.map_folder / MOSAIC, folder)
     holes = _fill_mesh(posed.map_folder / MESH, folder)
     return (
-        f"{cells} cells of the mosaic ({fraction:.2%} of what was seen) and {holes} holes of the "
-        f"mesh filled, none wider than {LARGEST_M:g} m: colors and surface there are made up of "
-        "those around"
+        f"{cells} cells of the mosaic ({fraction:.2%} of the seen area) and {holes} holes of the "
+        f"mesh filled, none wider than {LARGEST_M:g} m: their colors and surface are "
+        "interpolated from the surroundings"
     )
 
 
@@ -55,7 +55,7 @@ def _fill_mosaic(source: Path, folder: Path) -> tuple[int, float]:
             'the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"'
         ) from error
     if not source.is_file():
-        raise InputError(f"{source}: is not there: install the geo extra and fuse again")
+        raise InputError(f"{source}: does not exist: install the geo extra and fuse again")
     filled_cells = seen_cells = 0
     with open_raster(source, 4) as mosaic:
         most_px = int(LARGEST_M / float(mosaic.transform.a) + 0.5)
@@ -166,7 +166,7 @@ def _fill_mesh(source: Path, folder: Path) -> int:
     alone = new.copy()
     alone["indices"] = corners.reshape(-1, 3)
     with (folder / FILLED_MESH).open("wb") as file:
-        file.write(header(f"{comment}, what was filled", VERTEX, len(used), len(alone)))
+        file.write(header(f"{comment}, filled parts", VERTEX, len(used), len(alone)))
         file.write(np.concatenate([vertices, middles])[used].tobytes() + alone.tobytes())
     return len(patches)
 
@@ -232,7 +232,7 @@ def rims(triangles: NDArray[np.int32]) -> list[NDArray[np.int64]]:
 
 
 FORMAT = ExportFormat(
-    "the orthomosaic and the mesh with holes of up to 10 cm filled, and what was filled as a mask",
-    "pictures and films; never for measures",
+    "the orthomosaic and the mesh with holes of up to 10 cm filled, and masks of the filled parts",
+    "pictures and films, not measurements",
     write,
 )

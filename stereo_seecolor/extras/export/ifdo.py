@@ -19,7 +19,7 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.version import __version__
 
 VERSION = "v2.1.0"
-HANDLE = "unknown: fill in the handle or DOI when it is published"
+HANDLE = "unknown: add the handle or DOI after publication"
 
 
 def write(posed: PosedRun, folder: Path) -> None:

@@ -35,7 +35,7 @@ def write(posed: PosedRun, folder: Path) -> None:
         ) from error
     path = posed.map_folder / MOSAIC
     if not path.is_file():
-        raise InputError(f"{path}: is not there: install the geo extra and fuse again")
+        raise InputError(f"{path}: does not exist: install the geo extra and fuse again")
     (folder / "tiles").mkdir()
     with (
         open_raster(path, 4) as mosaic,
@@ -84,7 +84,7 @@ def windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int
 
 
 FORMAT = ExportFormat(
-    "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each",
+    "the orthomosaic in tiles of at most 8000 px, with meters per pixel",
     "CoralNet, BIIGLE",
     write,
 )

@@ -27,7 +27,7 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 
 VERSION = "1.0.0"
 ASSETS: dict[str, tuple[str, str]] = {
-    INDEX: ("text/html", "the page to look at"),
+    INDEX: ("text/html", "the page of the run"),
     FRAMES_TABLE: ("text/csv", "a row for each pair"),
     RUN: ("application/json", "settings, inputs, versions"),
     WATER: ("application/json", "the fitted water"),
@@ -62,7 +62,7 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
     run, made = open_run(out), open_map(out)
     box = _box(made) if made else None
     there = {path: about for path, about in ASSETS.items() if (out / path).is_file()}
-    what = f"{len(run.frames)} frames of a stereo camera, without their water"
+    what = f"{len(run.frames)} frames of a stereo camera, corrected for the water"
     up = [
         {"rel": kind, "href": "collection.json", "type": "application/json"}
         for kind in ("collection", "parent", "root")

@@ -40,11 +40,11 @@ def write(posed: PosedRun, folder: Path) -> None:
     paths = [posed.map_folder / name for name in (MOSAIC, TERRAIN)]
     for path in paths:
         if not path.is_file():
-            raise InputError(f"{path}: is not there: install the geo extra and fuse again")
+            raise InputError(f"{path}: does not exist: install the geo extra and fuse again")
     with open_raster(paths[0], 4) as mosaic:
         if max(mosaic.width, mosaic.height) > MOST_PX:
             raise InputError(
-                f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a "
+                f"{paths[0]}: has more than {MOST_PX} px on a side, TagLab's limit: fuse with a "
                 "larger mapping.mosaic_m"
             )
         _write_colors(mosaic, folder / "rgb.tif")
@@ -168,5 +168,5 @@ def _project(
 
 
 FORMAT = ExportFormat(
-    "orthomosaic and terrain model of one size, and a project that names them", "TagLab", write
+    "orthomosaic and terrain model of equal size, and a project that names them", "TagLab", write
 )

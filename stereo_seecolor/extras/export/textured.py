@@ -29,7 +29,7 @@ def summary(made: Textured, surface: SimplifiedSurface) -> str:
     return (
         f"{len(surface.triangles):,} of {surface.original:,} triangles; the map's vertices lie "
         f"at most {largest_mm:.2f} mm from them (bound {bound_mm:.2f} mm, rms {rms_mm:.2f} "
-        f"mm); texture at the images' {pixel_mm:.2f} mm a pixel from {frames} frames, on "
+        f"mm); texture at the images' {pixel_mm:.2f} mm per pixel from {frames} frames, on "
         f"{seen:.1%} of the triangles"
     )
 

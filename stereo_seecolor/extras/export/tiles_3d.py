@@ -164,7 +164,7 @@ def _geocentric(point_m: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.f
 
 
 FORMAT = ExportFormat(
-    "the surface with the images on it as a tree of 3-D Tiles 1.1, on Earth where the map is",
+    "the surface with the images on it as a tree of 3-D Tiles 1.1, georeferenced if the map is",
     "CesiumJS, QGIS",
     write,
 )

@@ -65,8 +65,8 @@ class DiveEntry(BaseModel):
     def _one_water(self) -> Self:
         if self.water and self.site:
             raise ValueError(
-                f"dive {self.name!r} has a water of its own, and shares that of site {self.site!r}:"
-                " give one of both"
+                f"dive {self.name!r} has its own water and a site, {self.site!r}, whose water it "
+                "would share: give only one"
             )
         return self
 
@@ -97,11 +97,11 @@ class CampaignFile(BaseModel):
         names = [dive.name for dive in campaign.dives]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice:
-            raise InputError(f"{path}: two dives are called {twice!r}: give each a name of its own")
+            raise InputError(f"{path}: two dives have the name {twice!r}: give each another name")
         taken = next((name for name in names if name.casefold() in RESERVED), None)
         if taken:
             raise InputError(
-                f"{path}: a dive is called {taken!r}, as a file or folder of the campaign itself: "
+                f"{path}: a dive has the name {taken!r} of a file or folder of the campaign: "
                 "give it another name"
             )
         return campaign
@@ -295,7 +295,7 @@ def _process(
         state = replace(state, state="failed", error=str(error))
     except Exception as error:  # a defect of this program must not cost the dives that follow
         log.exception("%s: failed", dive.name)
-        message = f"{type(error).__name__}: {error} (a defect of this program: the log holds more)"
+        message = f"{type(error).__name__}: {error} (a bug in this program: see the log)"
         state = replace(state, state="failed", error=message)
     return replace(state, seconds=round(time.monotonic() - start_s, 3))
 

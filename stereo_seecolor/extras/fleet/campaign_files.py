@@ -40,8 +40,8 @@ def refuse_files_of_others(root: Path, files: Iterable[Path]) -> None:
             file.exists() and not _is_of(file, written.get(_name(root, file), ()))
         ):
             raise OutputError(
-                f"{file}: is not of this campaign, or was changed since, and would be replaced: "
-                "move it elsewhere"
+                f"{file}: was not written by this campaign, or was changed afterwards, and would "
+                "be replaced: move it elsewhere"
             )
 
 
@@ -171,8 +171,8 @@ def load_states(root: Path) -> dict[str, DiveState]:
     for name in states:
         if not is_plain_name(name):
             raise InputError(
-                f"{root / STATES}: it names a dive {name!r}, which does not lie in {root}: delete "
-                "this file"
+                f"{root / STATES}: it names a dive {name!r}, which is not in {root}: delete this "
+                "file"
             )
     return states
 

@@ -149,7 +149,7 @@ def plan(
 # The status of runs, the outcome of a campaign, and the cost of a dive, as text.
 
 REMEDY = {
-    "killed": "ended without a word: run its command again",
+    "killed": "ended unexpectedly: run its command again",
     "stopped": "stopped early: run its command again",
     "no run": "holds no run",
 }
@@ -195,7 +195,7 @@ def _run_end(run: "RunStatus") -> str:
         return ""
     then = f"then {', '.join(run.to_come)}; " if run.to_come else ""
     if run.run_remaining_s is None:
-        return f"end of the run not known ({then}page, map)" if run.stage else "begins"
+        return f"end of the run unknown ({then}page, map)" if run.stage else "begins"
     return (
         f"{duration(run.run_remaining_s)} to the end of the run ({then}page and map not "
         f"counted; by {run.rests_on})"
@@ -218,7 +218,7 @@ def plan_text(plan: "Plan") -> str:
     return lines(
         f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} "
         f"core-seconds each ({stages})",
-        f"{plan.core_hours:.3g} core-hours, {plan.fit_s:.1f} s of them for what is done once",
+        f"{plan.core_hours:.3g} core-hours, {plan.fit_s:.1f} s of them for work that is done once",
         f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory "
         "for one worker",
     ) + table(("workers of one core", "time"), hours)

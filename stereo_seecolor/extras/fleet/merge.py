@@ -109,7 +109,8 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
         if part.shard.of != first.of:
             raise InputError(
                 f"{given[first].root} is shard {first}, and {part.root} is shard {part.shard}: "
-                "merge shards of one cut: those of two hold pairs twice or leave some out"
+                "merge only shards of one division: shards of two divisions contain pairs "
+                "twice or miss pairs"
             )
     of = max((shard.of for shard in given), default=0)
     missing = tuple(
@@ -147,7 +148,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         for row in part.rows
         if row.status == "unpaired"
     }
-    notes = (f"a part of the dive only: shard {', '.join(missing)} is missing",) if missing else ()
+    notes = (f"only a part of the dive: shard {', '.join(missing)} is missing",) if missing else ()
     rig_notes = dict.fromkeys(note for part in parts for note in part.rig_notes)
     pairing = Pairing(
         tuple(in_dive_order(_pairs(parts))),
@@ -180,8 +181,8 @@ def _pairs(parts: Sequence[Part]) -> list[Pair]:
             other, hashes = seen.setdefault(frame.name, (part, (left.sha256, right.sha256)))
             if hashes != (left.sha256, right.sha256):
                 raise InputError(
-                    f"{part.root} and {other.root}: hold two different pairs {frame.name!r}: "
-                    "merge them apart"
+                    f"{part.root} and {other.root}: contain two different pairs {frame.name!r}: "
+                    "merge them separately"
                 )
             pairs[frame.name] = Pair(
                 frame.name, Path(left.path), Path(right.path), frame.timestamp_s

@@ -128,7 +128,7 @@ def _measured(inputs: StereoInputs, opened: Opened, pairs: Sequence[Pair]) -> _M
         if not ok:
             first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
             raise InputError(
-                f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}"
+                f"none of {len(pairs)} pairs spread over the dive succeeds; the first: {first}"
             )
         written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
     passes = {name: seconds / ok for name, seconds in clock.seconds.items()}

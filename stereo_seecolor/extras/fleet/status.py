@@ -18,7 +18,7 @@ from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.run_progress import RunProgress
 
 State = Literal["running", "killed", "stopped", "complete", "no run"]
-Basis = Literal["", "the plan", "the usual shares of passes"]
+Basis = Literal["", "the plan", "the usual times of the passes"]
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _pass_status(out: Path, state: State, progress: RunProgress, now: str) -> Ru
         if run_s is None
         else "the plan"
         if progress.expected.planned
-        else "the usual shares of passes"
+        else "the usual times of the passes"
     )
     return replace(
         found,

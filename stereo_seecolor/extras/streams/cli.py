@@ -141,12 +141,12 @@ def live(
     from stereo_seecolor.extras.streams.live.sources import source_of
 
     if source and (left or right or bag):
-        raise typer.BadParameter("--source names both sides: leave --left, --right and --bag out")
+        raise typer.BadParameter("--source names both sides: omit --left, --right and --bag")
     if source:
         left, right, bag = source_of(source)
     check_sources(left, right, calib, bag, topics)
     if host != "127.0.0.1" and port is None:
-        raise typer.BadParameter("--host says where the page is shown: give --port too")
+        raise typer.BadParameter("--host is the address of the page: give --port, too")
     with report.working():
         budget_s = None if budget_ms is None else budget_ms / 1000
         options = LiveOptions(
@@ -164,8 +164,8 @@ def live(
         inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
         found = correct_live(inputs, settings.load(device=device), options)
     output = [
-        f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed "
-        "over for newer ones"
+        f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} "
+        "skipped for newer ones"
     ]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
         output.append(
@@ -249,7 +249,7 @@ def bag_text(found: "BagFacts", calib: str = "") -> str:
         rig = (
             f"baseline {1000 * found.baseline_m:.1f} mm, from {calib or 'camera_info'}"
             if found.baseline_m
-            else "no calibration in it"
+            else "no calibration in the bag"
         )
         output.append(
             f"{counted(found.pairs, 'pair')}, "

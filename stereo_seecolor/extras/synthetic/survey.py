@@ -91,7 +91,7 @@ def rig(spec: SurveySpec) -> StereoRig:
     T_right_left[:3, 3] = T_right_left[:3, :3] @ [-0.12, 0.0006, -0.0011]
     left = Camera(K_left, np.array([-0.11, 0.04, 0.0006, -0.0004, 0.0]), spec.image_size)
     right = Camera(K_right, np.array([-0.12, 0.05, -0.0005, 0.0007, 0.0]), spec.image_size)
-    drawn = RigErrors(focal=0.0, baseline=0.0, stated_by="the drawing of the dive")
+    drawn = RigErrors(focal=0.0, baseline=0.0, stated_by="rendering the dive")
     return StereoRig(left, right, T_right_left, errors=drawn)
 
 

@@ -71,7 +71,7 @@ def read_reports(lines: Lines, mount: MountConfig) -> Trajectory:
         rows.append(",".join(str(report.get(key, "")) for key in _REPORTED.values()))
     if len(rows) == 1:
         raise InputError(
-            f"{lines.path}: is a log of a Water Linked DVL that holds velocities alone: log its "
+            f"{lines.path}: is a log of a Water Linked DVL with velocities only: log its "
             "position reports (position_local), too"
         )
     return _read(lines, rows, mount)
@@ -101,7 +101,8 @@ def read_subtitles(lines: Lines, mount: MountConfig) -> Trajectory:
     if not found:
         raise InputError(
             f"{lines.path}: is subtitles whose {len(cues)} lines of text show no date and time: "
-            "their times count from the begin of a video; give a table with time, lat, lon, depth"
+            "their times count from the start of a video; give a table with time, lat, lon, "
+            "depth"
         )
     if not any({"lat", "lon"} <= row.keys() for row in found):
         shown = ", ".join(sorted({role for row in found for role in row}))

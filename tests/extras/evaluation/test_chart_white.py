@@ -129,7 +129,7 @@ def test_the_camera_comes_back_within_its_stated_errors() -> None:
 
 def test_a_camera_without_fault_is_left_alone() -> None:
     reason = matrix_of([1.0, 2.0], None)
-    assert isinstance(reason, str) and "left out of the fit gain too little" in reason
+    assert isinstance(reason, str) and "patches left out of its fit too little" in reason
 
 
 def test_noise_is_never_more_than_tripled() -> None:

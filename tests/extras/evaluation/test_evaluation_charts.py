@@ -237,15 +237,15 @@ def test_wrong_folders_of_other_tools(
     for folder, size in (("x/out", SIZE), ("y/out", SIZE), ("small", (20, 30))):
         (tmp_path / folder).mkdir(parents=True)
         cv2.imwrite(str(tmp_path / folder / "a.png"), np.full((*size, 3), 90, np.uint8))
-    with pytest.raises(InputError, match=r"another folder of results is called 'out' too"):
+    with pytest.raises(InputError, match=r"another folder of results has the name 'out', too"):
         evaluate_charts(*folders, others=[tmp_path / "x/out", tmp_path / "y/out"])
     with pytest.raises(
-        InputError, match=r"paper: a method that is scored anyway is called 'paper' too"
+        InputError, match=r"paper: a method of the table already has the name 'paper'"
     ):
         evaluate_charts(*folders, others=[tmp_path / "paper"])
     with pytest.raises(
         InputError,
-        match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480",
+        match=r"small/a\.png: is 30x20 px, but its source image is 640x480",
     ):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "small"])
     for folder, names in (("renamed", ["a_enhanced.png"]), ("twice", ["a.png", "a.jpg"])):
@@ -254,7 +254,8 @@ def test_wrong_folders_of_other_tools(
             cv2.imwrite(str(tmp_path / folder / name), np.full((*SIZE, 3), 90, np.uint8))
     with pytest.raises(
         InputError,
-        match=r"renamed: none of its images is called like .* first is 'a_enhanced', theirs is 'a'",
+        match=r"renamed: none of its images has the name of .* first is 'a_enhanced', the first "
+        r"to score is 'a'",
     ):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "renamed"])
     with pytest.raises(InputError, match=r"twice/a\.png: a\.jpg is an image of that name too"):

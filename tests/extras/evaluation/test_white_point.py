@@ -106,7 +106,7 @@ def test_the_doubt_is_said_and_a_spot_settles_it(
     assert f"note: {DOUBT}" in " ".join(printed.split())
     assert all(DOUBT in row["warnings"] for row in rows)
     page = (tmp_path / "out/index.html").read_text("utf-8")
-    assert "Good: nothing stands out." not in page
+    assert "Good: no problem was detected." not in page
     assert page.lower().count(DOUBT) == 1
     _, found, _ = cli("water", str(tmp_path / "out"), "--white", "0001:88,64")
     assert "white at pixel 88, 64" in found

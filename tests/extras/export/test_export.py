@@ -339,9 +339,9 @@ def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("name", "hint"),
     [
-        ("coralnet", "for coralnet take --to tiles$"),
-        ("QGIS", "map/orthomosaic.tif and map/dem.tif of OUT are GeoTIFFs.*; for QGIS take --to "),
-        ("geotiff", "GeoTIFFs, to be opened as they are$"),
+        ("coralnet", "for coralnet use --to tiles$"),
+        ("QGIS", "map/orthomosaic.tif and map/dem.tif of OUT are GeoTIFFs.*; for QGIS use --to "),
+        ("geotiff", "GeoTIFFs; open them directly$"),
         ("a", "one of 3d-tiles, biigle"),
     ],
 )

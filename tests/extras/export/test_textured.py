@@ -171,7 +171,7 @@ def test_the_summary_tells_the_bound(fused: Path, tmp_path: Path) -> None:
     )
     assert "(bound 10.00 mm, rms" in result.note
     # neighbors overlap by three quarters: with fewer of them there are fewer seams
-    assert re.search("at the images' 7.50 mm a pixel from [345] frames", result.note)
+    assert re.search("at the images' 7.50 mm per pixel from [345] frames", result.note)
 
 
 @pytest.mark.slow

@@ -153,7 +153,7 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
     monkeypatch.setattr(module, "run", broken)
     file = write(tmp_path / "campaign.yaml", f"{{name: a, {SIDES}}}", f"{{name: b, {SIDES}}}")
     assert [found.error for found in campaign(file).dives] == [
-        "ZeroDivisionError: x (a defect of this program: the log holds more)"
+        "ZeroDivisionError: x (a bug in this program: see the log)"
     ] * 2
 
 
@@ -164,10 +164,10 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
         ("out: x", "dives: Field required"),
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
-        (f"{{out: x, dives: [{{name: a, water: w.json, site: s, {SIDES}}}]}}", "give one of both"),
+        (f"{{out: x, dives: [{{name: a, water: w.json, site: s, {SIDES}}}]}}", "give only one"),
         (
             f"{{out: x, dives: [{{name: a, {SIDES}}}, {{name: a, {SIDES}}}]}}",
-            "two dives are called 'a'",
+            "two dives have the name 'a'",
         ),
     ],
 )

@@ -145,7 +145,7 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     assert (seen[0].stage, seen[0].to_come[-1], seen[0].rests_on) == (
         "ranges",
         "colors",
-        "the usual shares of passes",
+        "the usual times of the passes",
     )
     assert seen[0].run_remaining_s > seen[0].remaining_s
     done = status(tmp_path / "out")
@@ -255,11 +255,11 @@ def test_a_merge_names_the_shards_that_it_lacks(make_dive, tmp_path, cli) -> Non
 
     code, printed, _ = cli("merge", one, three, "--out", out, "--partial")
     assert code == 3
-    assert "a part of the dive only: shard 2/3 is missing" in printed
+    assert "only a part of the dive: shard 2/3 is missing" in printed
     assert json.loads((out / "run.json").read_text())["totals"]["missing_shards"] == ["2/3"]
     page = (out / "index.html").read_text()
     assert "shard 2/3 are missing" in page
-    assert "Good: nothing stands out" not in page
+    assert "Good: no problem was detected" not in page
 
 
 @pytest.mark.slow
@@ -294,7 +294,7 @@ def test_a_merge_takes_shards_of_one_cut_each_once(make_dive, tmp_path, cli) -> 
         ([one, one, two], f"{one}: is given twice"),
         (
             [one, tmp_path / "third"],
-            "is shard 1/2, and .*third is shard 3/3: merge shards of one cut",
+            "is shard 1/2, and .*third is shard 3/3: merge only shards of one division",
         ),
     ):
         with pytest.raises(InputError, match=message):

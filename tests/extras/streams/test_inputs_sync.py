@@ -106,7 +106,7 @@ def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None
     left, right = write_pair(tmp_path, 0.2, time_codes=("10:00:07:00", "10:00:00:00"))
     found = sync(left, right)
     assert [item.kind for item in found.evidence] == ["motion"]
-    assert "time codes say +7.000 s, so they were not set alike, and are not used" in found.text
+    assert "time codes say +7.000 s, so they were not synchronized, and are not used" in found.text
     _, alike = write_pair(tmp_path / "alike", 0.2, time_codes=("10:00:07:00", "10:00:06:24"))
     assert [item.kind for item in sync(left, alike).evidence] == ["motion", "time code"]
 
@@ -275,7 +275,7 @@ def test_pairs_that_motion_spoils_are_left_out(tmp_path: Path) -> None:
     assert found.left_out > 20
     assert found.pairs > 20
     assert found.false_disparity < 1e-3
-    assert "pairs in which it moves by more than 0.1% are left out" in found.text
+    assert "pairs with a motion of more than 0.1% are left out" in found.text
 
 
 @pytest.mark.slow

@@ -287,7 +287,7 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     code, printed, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept", "--port", 0)
     assert code == 0, said
     assert said.startswith("http://127.0.0.1:")
-    assert "1 pair corrected, 0 failed, 3 passed over for newer ones" in printed
+    assert "1 pair corrected, 0 failed, 3 skipped for newer ones" in printed
     assert (tmp_path / "kept/corrected/0003.png").is_file()
     assert (tmp_path / "kept/range/0003.tiff").is_file()
     code, _, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept")
@@ -309,7 +309,7 @@ def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
         None,
     )
     code, _, said = cli("live", "--source", folder, "--left", folder, *calib)
-    assert (code, "--source names both sides: leave --left, --right and --bag out" in said) == (
+    assert (code, "--source names both sides: omit --left, --right and --bag" in said) == (
         2,
         True,
     )
@@ -335,8 +335,8 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
         status = json.loads(urllib.request.urlopen(address + "status.json").read())
         facts = status["facts"]
         assert (status["name"], facts["Pairs corrected"]) == ("0000", "1")
-        assert facts["From arrival to picture"] == "0.25 s (95 % within 0.25 s)"
-        assert status["pair"]["Light left after 1 m, R G B"].endswith(" %")
+        assert facts["From arrival to image"] == "0.25 s (95 % within 0.25 s)"
+        assert status["pair"]["Light that remains after 1 m, R G B"].endswith(" %")
         assert b".verdict" in urllib.request.urlopen(address + "page.css").read()
         for picture in ("corrected.jpg", "range.jpg"):
             content = urllib.request.urlopen(f"{address}{picture}?0000").read()
@@ -477,7 +477,7 @@ def test_less_is_done_where_pairs_take_too_long_and_more_again_later() -> None:
         budget.took({1: 0.3, 2: 0.15, 4: 0.02}[budget.shrink])
         shrinks.append(budget.shrink)
     assert shrinks[3:5] == [1, 2]
-    assert "matched at 1/4 of the size to hold 100 ms a pair" in text_after(
+    assert "matched at 1/4 of the size to keep within 100 ms per pair" in text_after(
         0.1, (0.3,) * 5 + (0.15,) * 5
     )
     assert "(300 ms at full size)" in text_after(0.1, (0.3,) * 5)

@@ -60,7 +60,7 @@ def test_the_page_shows_what_arrives(
         assert page.inner_text("#reduced") == "matched at 1/2 of the size"
         assert page.inner_text("#line") == "A pair failed: <img src=x onerror=alert(1)>"
         assert "0.08 s" in page.inner_text("#facts")
-        assert "Light left after 1 m" in page.inner_text("#pair")
+        assert "Light that remains after 1 m" in page.inner_text("#pair")
         style = "e => getComputedStyle(e).display"
         assert page.eval_on_selector("#facts", style) == "grid", "in the style of a dive's page"
         shown = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)

@@ -125,7 +125,7 @@ def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
     left_out = float(np.median(_differences(_left_out(color, published, error), published)))
     if left_out > before - SETTINGS.least_gain:
         return (
-            f"patches left out of the fit gain too little by it: CIEDE2000 {left_out:.1f}, "
+            f"it improves patches left out of its fit too little: CIEDE2000 {left_out:.1f}, "
             f"{before:.1f} without"
         )
     haze = SETTINGS.backscatter_error * np.mean([chart.haze for chart in charts], axis=0)

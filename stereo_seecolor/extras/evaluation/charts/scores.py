@@ -151,7 +151,7 @@ def _scored(
     image = Response.of(config.color).of_frame(image).standard(image)
     range_m = read_range_map(pair.right, config.input.range_units_per_m)
     if range_m.shape != image.shape[:2]:
-        raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
+        raise InputError(f"{pair.right}: has another size than its image {pair.left.name}")
     found = [] if named is None else targets_of(named, image, range_m)
     usable = [target for target in found if target.mask.any()]
     if not usable:
@@ -176,7 +176,7 @@ def _scored(
 def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
     if targets:
         return (
-            f"{targets}: none of its targets can be seen with a known range in the {number} "
+            f"{targets}: none of its targets is visible with a known range in the {number} "
             f"images of {images}"
         )
     return (

@@ -77,7 +77,7 @@ class BatchJobs:
             lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()]
             if lines:
                 return f"{path} ends with {lines[-1].strip()!r}"
-        return f"no log of it is in {self.logs}"
+        return f"it has no log in {self.logs}"
 
 
 # The file of a batch system's jobs that workers run in: ``slurm:cluster.yaml``.
@@ -88,7 +88,7 @@ class Adaptive(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    minimum: int = Field(1, ge=1, description="Jobs that are kept while the run lasts.")
+    minimum: int = Field(1, ge=1, description="Number of jobs during the run.")
     maximum: int = Field(ge=1, description="Jobs at most.")
 
     @model_validator(mode="after")
@@ -107,11 +107,13 @@ class JobFile(BaseModel):
 
     jobs: int | None = Field(None, ge=1, description="Jobs to submit.")
     adaptive: Adaptive | None = Field(
-        None, description="Instead of jobs: as many as there is work for."
+        None, description="Instead of jobs: the number of jobs follows the amount of work."
     )
-    cores: int = Field(ge=1, description="Cores of each; one batch of pairs runs on each core.")
-    memory: str = Field(description="Memory of each, such as 16GB.")
-    log_directory: str = Field("cluster-logs", description="Folder for one log file a job.")
+    cores: int = Field(
+        ge=1, description=("Cores of each job; one batch of pairs runs on each core.")
+    )
+    memory: str = Field(description="Memory of each job, for example 16GB.")
+    log_directory: str = Field("cluster-logs", description="Folder for the log files of the jobs.")
     wait_s: float = Field(3600.0, gt=0, description="Seconds to wait for the first job to start.")
 
     @model_validator(mode="after")

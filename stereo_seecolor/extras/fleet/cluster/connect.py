@@ -314,8 +314,8 @@ def _check_scheduler(client: Any, name: str) -> None:
     )
     if there != here:
         raise ClusterError(
-            f"{name}: the scheduler has another version (distributed {there} there, {here} here): "
-            "install the same"
+            f"{name}: the scheduler has another version (distributed {there} there, {here} "
+            "here): install the same version"
         )
 
 

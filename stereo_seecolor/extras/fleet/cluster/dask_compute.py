@@ -200,8 +200,8 @@ class DaskCompute:
             except KilledWorker as error:
                 raise ClusterError(
                     f"{self._name}: {named(batch)} ended {error.allowed_failures + 1} workers, "
-                    "most likely for want of memory: give workers more memory, or fewer "
-                    "threads (docs/fleets.md); finished results are kept"
+                    "most likely because of too little memory: give workers more memory, or "
+                    "fewer threads (docs/fleets.md); finished results are kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
                 raise self._gone(error) from error
@@ -217,7 +217,8 @@ class DaskCompute:
                 if not str(error).startswith(UNKNOWN_NAME):
                     raise
                 raise ClusterError(
-                    f"{self._name}: a worker has another version: install the same there ({error})"
+                    f"{self._name}: a worker has another version: install the same version there "
+                    f"({error})"
                 ) from error
             except TimeoutError:
                 self._supervise_workers()
@@ -241,7 +242,7 @@ class DaskCompute:
 
     def _gone(self, error: Exception) -> ClusterError:
         return ClusterError(
-            f"{self._name}: the scheduler is gone ({error}): run the same command again, "
+            f"{self._name}: the scheduler has ended ({error}): run the same command again, "
             "finished results are kept"
         )
 

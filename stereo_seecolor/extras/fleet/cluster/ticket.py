@@ -76,8 +76,8 @@ def admit(ticket: Ticket) -> None:
     ]
     if differing:
         raise ClusterError(
-            f"worker on {here}: has other versions ({'; '.join(differing)}): install the same in "
-            "both places"
+            f"worker on {here}: has other versions ({'; '.join(differing)}): install the same "
+            "versions on both machines"
         )
     try:
         os.chdir(ticket.folder)
@@ -99,8 +99,8 @@ def _look(here: str, probe: Probe) -> None:
         raise ClusterError(_invisible(here, probe.file.parent, error)) from error
     if found != probe.content:
         raise ClusterError(
-            f"worker on {here}: {probe.file.parent} is another folder there: mount the same one "
-            "at the same place"
+            f"worker on {here}: {probe.file.parent} is another folder there: mount the same "
+            "folder under the same path"
         )
     for path in probe.inputs:
         if not path.exists():
@@ -109,8 +109,8 @@ def _look(here: str, probe: Probe) -> None:
 
 def _invisible(here: str, path: Path, error: OSError) -> str:
     return (
-        f"worker on {here}: does not see {path} ({error.strerror or error}): mount it there at "
-        "the same place"
+        f"worker on {here}: does not see {path} ({error.strerror or error}): mount it there "
+        "under the same path"
     )
 
 

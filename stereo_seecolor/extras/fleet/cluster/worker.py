@@ -126,8 +126,8 @@ class SharedFile:
         content = self.path.read_bytes()
         if hashlib.sha256(content).digest() != self.sha256:
             raise ClusterError(
-                f"{self.path}: somebody changed it, or it was cut; its code was not run: who may "
-                "write there?"
+                f"{self.path}: was changed or truncated; its code was not run: check who can "
+                "write there"
             )
         return content
 

@@ -53,7 +53,7 @@ class KeptFiles:
     def __init__(self, folder: Path, every: int, pipeline: Pipeline) -> None:
         if folder.exists() and any(folder.iterdir()):
             raise OutputError(
-                f"{folder}: already exists: live keeps its pictures in a new or an empty folder; "
+                f"{folder}: already exists: live saves its results in a new or an empty folder; "
                 "nothing was changed"
             )
         self._folder, self._every, self._pipeline = folder, every, pipeline

@@ -39,8 +39,8 @@ SLOW_CLIENT_S = 5.0
 PAGE = Path(__file__).with_name("preview.html")
 STYLE = "page.css"
 """The page of a run and this one look alike."""
-COUNTS = {"done": "Pairs corrected", "failed": "Failed", "dropped": "Skipped, to keep up"}
-DELAYS = {"latency": "From arrival to picture", "products": "Until all is written"}
+COUNTS = {"done": "Pairs corrected", "failed": "Failed", "dropped": "Skipped for newer pairs"}
+DELAYS = {"latency": "From arrival to image", "products": "Until all files are written"}
 
 
 class _Shown:
@@ -73,9 +73,9 @@ class _Shown:
         facts = {
             "Range known": f"{known:.0%}",
             "Time for the pair": f"{self._frame.seconds:.2f} s",
-            "Light left after 1 m, R G B": _percents(water.attenuation(near_m)),
+            "Light that remains after 1 m, R G B": _percents(water.attenuation(near_m)),
             "Backscatter over 1 m, R G B, of full scale": _percents(water.backscatter(near_m)),
-            "White light, red and blue over green": f"{red:.2f}, {blue:.2f}",
+            "White point, red and blue over green": f"{red:.2f}, {blue:.2f}",
         }
         return {"name": self._frame.pair.name, "range_span": self.ranges[1], "pair": facts}
 

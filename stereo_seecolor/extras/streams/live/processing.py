@@ -57,8 +57,8 @@ class Budget:
             return ""
         larger = "full size" if self.shrink == 2 else f"1/{self.shrink // 2}"
         return (
-            f"matched at 1/{self.shrink} of the size to hold {1000 * self._budget_s:.0f} ms a pair "
-            f"({1000 * self._too_slow_s:.0f} ms at {larger})"
+            f"matched at 1/{self.shrink} of the size to keep within {1000 * self._budget_s:.0f} "
+            f"ms per pair ({1000 * self._too_slow_s:.0f} ms at {larger})"
         )
 
     def until_s(self, began_s: float, rest_s: float) -> float | None:

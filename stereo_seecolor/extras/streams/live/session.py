@@ -75,7 +75,7 @@ def first_size(source: LiveSource) -> tuple[int, int]:
                 height, width = source.read(pair).left.shape[:2]
                 return width, height
         time.sleep(POLL_S)
-    raise InputError("no pair arrived that can be read, whose size the calibration needs")
+    raise InputError("no readable pair arrived, and the calibration needs the image size")
 
 
 @dataclass

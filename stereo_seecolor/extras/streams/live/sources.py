@@ -43,7 +43,8 @@ def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) ->
     ]
     if kinds[0] != kinds[1]:
         raise InputError(
-            f"{left} and {right}: are of two kinds: give two folders, two cameras, or two topics"
+            f"{left} and {right}: are sources of different kinds: give two folders, two cameras, "
+            "or two topics"
         )
     if kinds[0] == PREFIX:
         node = Node()
@@ -55,8 +56,8 @@ def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) ->
         return StreamPairs(*stack.enter_context(cameras(left, right)), config)
     if left == right:
         raise InputError(
-            f"{left}: is --left and --right: of folders that fill, images of both sides in one "
-            "are read by run alone"
+            f"{left}: is --left and --right: only run reads images that show both sides from a "
+            "folder"
         )
     return FolderWatch(Path(left), Path(right), config)
 

@@ -107,7 +107,10 @@ def _chosen(
     """
     if config.video_skip_blurred:
         sharp = ~(_blurred(signals[0])[pairs[:, 0]] | _blurred(signals[1])[pairs[:, 1]])
-        notes = (*notes, f"{int((~sharp).sum())} of {len(pairs)} pairs are blurred and left out")
+        notes = (
+            *notes,
+            (f"{int((~sharp).sum())} of {len(pairs)} pairs are blurred and were left out"),
+        )
         pairs = pairs[sharp]
     pairs = pairs[np.unique(pairs[:, 1], return_index=True)[1]]  # a right frame once
     if config.video_overlap is not None:

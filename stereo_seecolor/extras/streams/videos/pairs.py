@@ -70,7 +70,7 @@ class Videos:
             for left, right in zip(choice.left, choice.right, strict=True)
         ]
         if not pairs:
-            raise InputError(f"{self.left} and {self.right}: no frames of them are pairs")
+            raise InputError(f"{self.left} and {self.right}: their frames form no pairs")
         notes = (
             note
             for path in dict.fromkeys((self.left, self.right))

@@ -82,11 +82,11 @@ class VideoSync:
         kinds = " and ".join(item.kind for item in self.evidence) or "what was given"
         return (
             f"the right clock is {self.lag.offset_s:+.4f} s (standard error "
-            f"{1000 * self.lag.std_s:.1f} ms) and runs "
-            f"{1e6 * self.lag.drift:+.0f} ppm against the left one, by {kinds}; paired frames are "
-            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart, in which the picture "
-            "moves by "
-            f"{100 * float(np.median(self.false_disparity)):.2f}% of its width{self._left_out_text}"
+            f"{1000 * self.lag.std_s:.1f} ms) and runs {1e6 * self.lag.drift:+.0f} ppm "
+            f"relative to the left one, from {kinds}; paired frames are "
+            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart; in this time the "
+            f"image moves by {100 * float(np.median(self.false_disparity)):.2f}% of its "
+            f"width{self._left_out_text}"
         )
 
     @property
@@ -94,13 +94,13 @@ class VideoSync:
         text = ""
         if self.left_out:
             text = (
-                f"; {self.left_out} pairs in which it moves by more than "
+                f"; {self.left_out} pairs with a motion of more than "
                 f"{LIMITS.false_disparity:.1%} are left out"
             )
         if self.time_code:
             text += (
                 f"; their time codes say {self.time_code.offset_s:+.3f} s, so they were not "
-                "set alike, and are not used"
+                "synchronized, and are not used"
             )
         return text
 
@@ -126,9 +126,9 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
         evidence, code = (*evidence, Evidence("time code", code)), None
     if not evidence:
         raise NoEvidence(
-            f"{left} and {right}: no evidence of their clock offset: no sound, flash or time code "
-            "in common, and pictures move too little, or in waves that repeat; clap or turn the "
-            "rig next time, or set input.video_offset_s"
+            f"{left} and {right}: no evidence of their clock offset: no common sound, flash or "
+            "time code, and too little or periodic image motion; clap or rotate the rig next "
+            "time, or set input.video_offset_s"
         )
     best = min(evidence, key=lambda item: item.lag.std_s).lag
     if rig is not None and (
@@ -160,10 +160,10 @@ def paired(
     if good.mean() < LIMITS.least_pairs:
         usual, rest_ms = float(np.median(moved)), 1000 * float(np.sqrt(np.mean(rest_s**2)))
         raise InputError(
-            f"the two frames of a pair are {rest_ms:.1f} ms apart, in which the picture moves by "
-            f"{usual:.2%} of its width: {1920 * usual:.1f} px of false disparity at 1920 px; film "
-            f"at a higher rate or move more slowly, or set input.video_offset_s={lag.offset_s:.4f} "
-            "to take them all the same"
+            f"the two frames of a pair are {rest_ms:.1f} ms apart; in this time the image moves "
+            f"by {usual:.2%} of its width: {1920 * usual:.1f} px of false disparity at 1920 "
+            "px; film at a higher rate or move more slowly, or set "
+            f"input.video_offset_s={lag.offset_s:.4f} to use them anyway"
         )
     return VideoSync(
         lag, evidence, pairs[good], rest_s[good], moved[good], int((~good).sum()), signals
@@ -227,8 +227,8 @@ def _refuse_disagreement(left: Path, right: Path, evidence: tuple[Evidence, ...]
         if not _agree(a.lag, b.lag):
             raise InputError(
                 f"{left} and {right}: {a.kind} says that the right clock is {a.lag.offset_s:+.3f} "
-                f"s against the left one, {b.kind} says {b.lag.offset_s:+.3f} s: are they of one "
-                "dive? If so, set input.video_offset_s"
+                f"s relative to the left one, {b.kind} says {b.lag.offset_s:+.3f} s: do they show "
+                "one dive? If so, set input.video_offset_s"
             )
 
 
