@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibration.field_checks.matches import Matches, jackknife, robust_fit, row_inliers
 from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
-from calibration.field_checks.motion import fit_known, range_error
+from calibration.field_checks.motion import fit_clear, range_error
 from calibration.field_checks.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
 from calibration.field_checks.table import CAUSES, MOVED, Cause
 from calibration.geometry import RectifiedPair
@@ -300,13 +300,13 @@ def _motion_evidence(couples: Sequence[SeenTwice], pair: RectifiedPair) -> tuple
     that of a usual lens model.
     """
     chosen = [OFFSET, FOCAL, ROWS, COLUMNS]
-    fitted, focal_is_known = fit_known(couples, pair, *chosen)
+    fitted, free = fit_clear(couples, pair)
     off = (fitted.partial - fitted.partial.mean(axis=0))[:, chosen]
     lens_px = MOTION_LIMITS.lens_rad * pair.focal_px
     lens = np.array([lens_px, MOTION_LIMITS.focal, lens_px / 2, lens_px / 2])
     between = (len(couples) - 1) / len(couples) * off.T @ off
     cov = between + np.diag(fitted.formal[chosen] ** 2 + lens**2)
-    cov[1, 1] += not focal_is_known
+    cov[1, 1] += FOCAL not in free
     return fitted.values[chosen], np.asarray(cov, np.float64)
 
 

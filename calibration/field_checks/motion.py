@@ -11,7 +11,7 @@ The cause is tested against its rivals: disparities that are wrong by an amount 
 that differ from pair to pair, look like an offset where an offset alone is fitted.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -303,17 +303,26 @@ def find_couples(
             yield couple
 
 
-def fit_known(
-    couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int
-) -> tuple[Fitted, bool]:
-    """As ``fit_motions``, but of a focal length that these couples do not show; and whether they
-    do.
+def fit_clear(
+    couples: Sequence[SeenTwice], geometry: RectifiedPair
+) -> tuple[Fitted, Collection[int]]:
+    """Fit an offset, and a focal length and errors over rows and columns where these couples show
+    them clearly; and which values were fitted.
+
+    Where an error over the rows is not clear, leaving it free would take a part of an offset.
     """
+    disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
+    uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
+    free = [OFFSET, FOCAL]
+    for value in (ROWS, COLUMNS):
+        std_px = float(np.hypot(uneven.std[value], LIMITS.lens_rad * geometry.focal_px / 2))
+        least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
+        free += [value] if abs(uneven.values[value]) > least_px else []
     fitted = fit_motions(couples, geometry, *free)
-    if known := bool(fitted.std[FOCAL] < LIMITS.known_focal):
-        return fitted, known
-    others = [value for value in free if value != FOCAL]
-    return fit_motions(couples, geometry, *others), known
+    if fitted.std[FOCAL] < LIMITS.known_focal:
+        return fitted, free
+    free.remove(FOCAL)
+    return fit_motions(couples, geometry, *free), free
 
 
 def range_error(offset_px: Array, log_focal: Array, disparity_px: float) -> Array:
@@ -352,12 +361,8 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
             rows = value == LATER_ROWS
             return replace(seen, between_px=between_px, between_rows=rows, rolled_px=rolled_px)
     lens_px = LIMITS.lens_rad * focal_px
-    free = [OFFSET, FOCAL]
-    for value in (ROWS, COLUMNS):
-        std_px = float(np.hypot(uneven.std[value], lens_px / 2))
-        least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
-        free += [value] if abs(uneven.values[value]) > least_px else []
-    fitted, focal_is_known = fit_known(couples, geometry, *free)
+    fitted, free = fit_clear(couples, geometry)
+    focal_is_known = FOCAL in free
     found = replace(
         seen, rest_px=fitted.rest_px, own_px=float(np.median([one.rest_px for one in own]))
     )

@@ -141,6 +141,9 @@ def test_left_images_cut_out_off_center_are_named_by_run_and_check(
         assert found.rows.motion.range_error == pytest.approx(
             -0.23, abs=2 * found.rows.motion.range_std
         )
+        amount = r"shifted along the baseline by (\S+) \+- (\S+) px"
+        moved_px, std_px = map(float, re.search(amount, found.rows.causes.line).groups())
+        assert moved_px == pytest.approx(-6.0, abs=2 * std_px) and std_px < 1.0
         depth_m = float(re.search(r"at ([\d.]+) m ranges", found.rows.motion.line)[1])
         assert 1.0 < depth_m < 3.0  # the reef lies 1.3 to 2.6 m below the cameras
         assert not found.acceptable

@@ -33,7 +33,7 @@ def test_images_that_come_twice_are_named(
         "L": "the left image is that",
         "R": "the right image is that",
     }[stalled]
-    assert [f"{named} of the pair before" in text for text in warnings] == [False, False, True]
+    assert [f"{named} of the previous pair" in text for text in warnings] == [False, False, True]
 
 
 @pytest.mark.slow
