@@ -158,8 +158,8 @@ alike.
 
 @dataclass(frozen=True)
 class Numbers:
-    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs included, over
-    the planar area.
+    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs and noise
+    included, over the planar area; without a standard error.
     """
 
     rugosity_area: float
@@ -269,18 +269,17 @@ def _extreme_stds(
 def _summary(
     edge_m: float, scale_m: float, squares: Array, value: Array, std: Array
 ) -> StructureAtScale:
-    """squares: (N, M) as mapped, the mesh's rugosity last. value, std: (M - 1,); the mesh's is
-    corrected as the terrain's.
+    """squares: (N, M) as mapped, the mesh's rugosity last, which stays so: its error is not known.
+    value, std: (M - 1,).
     """
     mapped = squares.mean(axis=0)
-    mean = np.append(value, mapped[-1] * value[0] / mapped[0])
     between = squares.std(axis=0, ddof=1) if len(squares) > 1 else np.full(squares.shape[1], np.nan)
     return StructureAtScale(
         edge_m,
         scale_m,
         len(squares),
-        Numbers(*mean),
-        Numbers(*np.append(std, std[0])),
+        Numbers(*value, mapped[-1]),
+        Numbers(*std, float("nan")),
         Numbers(*between),
         Numbers(*mapped),
     )
