@@ -39,17 +39,16 @@ from stereo_seecolor.extras.reef.measure import surface_of
 from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
-from stereo_seecolor.extras.reef.site_surface import (
-    Site,
-    SiteMesh,
-    Terrain,
-    TerrainErrors,
-    grid_of,
-    open_site,
-    terrain_errors,
-    terrain_of,
-)
-from stereo_seecolor.extras.reef.structure import (
+from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, grid_of, open_site, terrain_of
+from stereo_seecolor.extras.synthetic.demo import synthesize
+from stereo_seecolor.extras.synthetic.reef import CELL_M, Change, changed_reef
+from stereo_seecolor.extras.synthetic.render import Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
+from stereo_seecolor.files.free_places import new_folder
+from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.noise import height_stds
+from stereo_seecolor.mapping.raster.structure import (
     EDGES_M,
     Numbers,
     Window,
@@ -58,14 +57,8 @@ from stereo_seecolor.extras.reef.structure import (
     squares_of,
     structure,
 )
-from stereo_seecolor.extras.synthetic.demo import synthesize
-from stereo_seecolor.extras.synthetic.reef import CELL_M, Change, changed_reef
-from stereo_seecolor.extras.synthetic.render import Scene
-from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.free_places import new_folder
-from stereo_seecolor.mapping.raster.block_raster import Grid
-from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
+from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
@@ -304,7 +297,7 @@ def structures(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores
 def judge(z: Scores, at: MappedReef, cells: int, window: Window, of: str) -> None:
     """The metrics of a part of a map; of squares, those of the largest edge."""
     terrain, true, errors = cut(at.terrain, window), cut(at.true, window), part(at, window)
-    found = structure(at.mesh_over(terrain.grid), terrain, errors)
+    found = structure(terrain, errors)
     for each in found[-1:] if of == "squares" else found:
         windows = squares_of(terrain.averaged(cells))[each.edge_m]
         right = numbers_of(true.averaged(cells).height_m, each.scale_m, windows).mean(axis=0)
