@@ -294,8 +294,8 @@ def _summary(
         edge_m,
         scale_m,
         len(squares),
-        Numbers(*value, mapped[-1]),
-        Numbers(*std, float("nan")),
+        Numbers(*np.append(value, mapped[-1])),
+        Numbers(*np.append(std, np.nan)),
         Numbers(*between),
         Numbers(*mapped),
     )

@@ -543,7 +543,9 @@ def test_files_without_outlines_say_so(
 
 
 @pytest.mark.slow
-def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: SampleRun) -> None:
+def test_page_methods_metrics_mosaic_and_terrain_state_one_area_and_one_rugosity(
+    sample_run: SampleRun,
+) -> None:
     made = open_map(sample_run.out)
     assert made is not None and made.area_m2
     with rasterio.open(made.folder / "dem.tif") as file:
@@ -551,8 +553,15 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: Samp
     with rasterio.open(made.folder / "orthomosaic.tif") as file:
         # edges, in other cells
         assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2, rel=0.005)
-    assert metrics(sample_run.out).area_m2 == pytest.approx(made.area_m2)
+    found = metrics(sample_run.out)
+    assert found.area_m2 == pytest.approx(made.area_m2)
     facts = DiveFacts.of(open_run(sample_run.out))
+    (scale,) = (each for each in found.structure if each.edge_m == 1)
+    assert facts.structure is not None
+    assert facts.structure.mean.rugosity_area == pytest.approx(scale.mean.rugosity_area, rel=1e-3)
+    rugosity = f"{scale.mean.rugosity_area:.2f} ± {scale.standard_error.rugosity_area:.2f}"
+    assert f"{rugosity} (standard error)" in methods(facts)
+    assert any(fact.value.startswith(rugosity) for fact in dive_facts(facts))
     said = digits(made.area_m2)
     assert f"{said} m² of reef" in methods(facts)
     assert phrase("unit.m2", value=said) in {fact.value for fact in dive_facts(facts)}
