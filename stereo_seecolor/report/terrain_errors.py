@@ -19,7 +19,7 @@ from stereo_seecolor.geometry import inverse, transformed
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.run_folder.posed_run import PosedRun
+from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,6 @@ class ErrorSettings:
     gate_sigmas: float = 6.0
     gate_voxels: float = 3.0  # and further than this, since voxels round off what is finer
     reach_step_px: int = 16  # of the pixels that show which cells a frame can see
-    match_px: float = 3.0  # errors of neighboring pixels are alike over about half a census window
 
 
 SETTINGS = ErrorSettings()
@@ -111,7 +110,7 @@ class _Sums:
             else self._terrain.grid.cell_m
         )
         return TerrainErrors(
-            noise_m * np.sqrt(birge), noise_m, self._views, SETTINGS.match_px * footprint
+            noise_m * np.sqrt(birge), noise_m, self._views, MATCH_PX * footprint
         )
 
     def _window(self, frame: SurveyFrame, T: Array) -> tuple[slice, slice] | None:
