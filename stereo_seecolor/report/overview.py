@@ -142,7 +142,7 @@ class DiveFacts(RowFacts):
         east_m, north_m, up_m = posed.offset_m
         west_m, cell_m = about["west_m"] - east_m, about["pixel_m"]
         grid = Grid(west_m, about["north_m"] - north_m, cell_m, height_m.shape)
-        no_color = np.full((*height_m.shape, 3), np.nan, np.float32)
+        no_color = np.broadcast_to(np.float32(np.nan), (*height_m.shape, 3))
         terrain = Terrain(grid, height_m - up_m, no_color)
         return terrain, terrain_errors(posed, terrain)
 

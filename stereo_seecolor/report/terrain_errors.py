@@ -109,9 +109,7 @@ class _Sums:
             if self._footprints_m
             else self._terrain.grid.cell_m
         )
-        return TerrainErrors(
-            noise_m * np.sqrt(birge), noise_m, self._views, MATCH_PX * footprint
-        )
+        return TerrainErrors(noise_m * np.sqrt(birge), noise_m, self._views, MATCH_PX * footprint)
 
     def _window(self, frame: SurveyFrame, T: Array) -> tuple[slice, slice] | None:
         """The cells that a frame can see."""
