@@ -25,22 +25,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.extras.reef.site_surface import (
-    SiteMesh,
-    Terrain,
-    grid_of,
-    read_mesh,
-    terrain_errors,
-    terrain_of,
-)
-from stereo_seecolor.extras.reef.structure import (
-    Numbers,
-    StructureAtScale,
-    numbers_of,
-    resolved_cells,
-    squares_of,
-    structure,
-)
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, grid_of, read_mesh, terrain_of
 from stereo_seecolor.extras.synthetic import survey
 from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef
@@ -48,8 +33,18 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.geometry import rigid_alignment
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.mapping.raster.height_model import Terrain
+from stereo_seecolor.mapping.raster.structure import (
+    Numbers,
+    StructureAtScale,
+    numbers_of,
+    resolved_cells,
+    squares_of,
+    structure,
+)
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.report.terrain_errors import terrain_errors
 
 STEEPNESS = (0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0, 1.0, 1.0)
 """Factor on all heights of a reef: from flat to the branching corals of the synthetic dive."""
@@ -172,10 +167,10 @@ def compared(
     """Cell, measured structure, true numbers of each edge of squares."""
     frames = DrawnFrames(number, seed)
     for cell_m in cells_m:
-        mesh, terrain, errors, T_world_map = mapped(folder, frames, cell_m, own_track)
+        _, terrain, errors, T_world_map = mapped(folder, frames, cell_m, own_track)
         cells = resolved_cells(terrain, errors)
         true_m = truth(terrain, frames.reef, T_world_map).averaged(cells).height_m
-        for found in structure(mesh, terrain, errors):
+        for found in structure(terrain, errors):
             yield (
                 cell_m,
                 found,

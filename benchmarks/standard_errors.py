@@ -36,19 +36,19 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.measure import surface_of
+from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
-from stereo_seecolor.extras.reef.site_surface import (
-    Site,
-    SiteMesh,
-    Terrain,
-    TerrainErrors,
-    grid_of,
-    open_site,
-    terrain_errors,
-    terrain_of,
-)
-from stereo_seecolor.extras.reef.structure import (
+from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, grid_of, open_site, terrain_of
+from stereo_seecolor.extras.synthetic.demo import synthesize
+from stereo_seecolor.extras.synthetic.reef import CELL_M, Change, changed_reef
+from stereo_seecolor.extras.synthetic.render import Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
+from stereo_seecolor.files.free_places import new_folder
+from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.noise import height_stds
+from stereo_seecolor.mapping.raster.structure import (
     EDGES_M,
     Numbers,
     Window,
@@ -57,14 +57,8 @@ from stereo_seecolor.extras.reef.structure import (
     squares_of,
     structure,
 )
-from stereo_seecolor.extras.synthetic.demo import synthesize
-from stereo_seecolor.extras.synthetic.reef import CELL_M, Change, changed_reef
-from stereo_seecolor.extras.synthetic.render import Scene
-from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.free_places import new_folder
-from stereo_seecolor.mapping.raster.block_raster import Grid
-from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
+from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
@@ -74,6 +68,8 @@ EDGE_PX = 10
 SMOOTH_M = 0.01
 """The largest step between pixels of a smooth square."""
 BUMP_SPACING_M = 0.8
+TOGETHER = 4
+"""Outlines of which the cover is computed."""
 PER_CELL = ("std_m", "noise_m", "views")
 
 
@@ -301,7 +297,7 @@ def structures(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores
 def judge(z: Scores, at: MappedReef, cells: int, window: Window, of: str) -> None:
     """The metrics of a part of a map; of squares, those of the largest edge."""
     terrain, true, errors = cut(at.terrain, window), cut(at.true, window), part(at, window)
-    found = structure(at.mesh_over(terrain.grid), terrain, errors)
+    found = structure(terrain, errors)
     for each in found[-1:] if of == "squares" else found:
         windows = squares_of(terrain.averaged(cells))[each.edge_m]
         right = numbers_of(true.averaged(cells).height_m, each.scale_m, windows).mean(axis=0)
@@ -324,10 +320,12 @@ def cut(terrain: Terrain, window: tuple[slice, slice]) -> Terrain:
 
 
 def outlines(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
-    """Circles on the map: areas; of a mound that is put there, the volume above the ground that was
-    there before, and the height above the plane of the ground around.
+    """Circles on the map: areas, and the cover by labels of several; of a mound that is put there,
+    the volume above the ground that was there before, and the height above the plane of the ground
+    around.
     """
     z: Scores = defaultdict(list)
+    labelled: list[tuple[Colony, Colony]] = []
     for circle in circles(at.terrain, rng, samples):
         ring = circle.rings[0]
         middle_m, radius_m = ring.mean(axis=0), float(np.hypot(*np.ptp(ring, axis=0)) / 8**0.5)
@@ -353,6 +351,8 @@ def outlines(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
         colony = sizes(raised, errors, std_m=at.height_std_m)
         if not (found and right and colony):
             continue
+        label = "coral" if rng.integers(2) else "sand"
+        labelled.append((replace(found, label=label), replace(right, label=label)))
         for name in ("tilted_m2", "surface_m2", "rugosity"):
             value, std = getattr(found.measured, name), getattr(found.standard_error, name)
             add(z, f"{name} of an outline", value, getattr(right.measured, name), std)
@@ -364,6 +364,19 @@ def outlines(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
         if above:
             top_m = above.measured.height_m
             add(z, "height_m of a mound", colony.measured.height_m, top_m, std.height_m)
+    for some in zip(*[iter(labelled)] * TOGETHER, strict=False):
+        found_rows, true_rows = (
+            {row.label: row for row in cover(each, 1.0)} for each in zip(*some, strict=True)
+        )
+        if len(found_rows) == 2:  # the other label's is the same again
+            row, true_row = found_rows["coral"], true_rows["coral"]
+            add(
+                z,
+                "cover of the surface",
+                row.of_outlined_surface,
+                true_row.of_outlined_surface,
+                row.of_outlined_surface_std,
+            )
     return z
 
 

@@ -115,10 +115,10 @@ class MeasureLimits:
     # benchmarks/standard_errors.py finds them on drawn reefs
     of_range: float = 0.4
     of_misfit: float = 0.4
-    slope_of_misfit: float = 0.125
+    slope_of_misfit: float = 0.131
     # the part of an area by errors of slopes, which is taken off it, is known to this
-    of_slopes: float = 0.35
-    of_step: float = 0.12  # of the steps along a line, in its standard error
+    of_slopes: float = 0.15
+    of_step: float = 0.16  # of the steps along a line, in its standard error
     click_std_px: float = 0.5  # how well a person hits a point
     # of a length, relative, where nothing else is known: what docs/calibration.md calls good
     calibration_std: float = 0.005

@@ -9,28 +9,38 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.color.white_point import DOUBT, white_doubt
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import flat
 from stereo_seecolor.errors import ColorError, InputError
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.structure import (
+    EDGES_M,
+    StructureAtScale,
+    resolved_cells,
+    structure,
+)
+from stereo_seecolor.mapping.raster.structure import squares_of as squares_of_edges
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.map_images import TerrainImages
-from stereo_seecolor.report.range_code import height_std_m
 from stereo_seecolor.report.squares import FILE, Squares, squares_of
+from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 from stereo_seecolor.run_folder.finished_run import FinishedMap, FinishedRun, open_map
 from stereo_seecolor.run_folder.frames_csv import Problem, problems_of, read_frames
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.run_folder.water_file import read_waters
+
+STATED_EDGE_M = 1.0
+"""Edge of the squares of which the overview states the rugosity."""
 
 # Facts of a run and its map for the page.
 
@@ -113,43 +123,56 @@ class DiveFacts(RowFacts):
         return range_m / geometry.focal_px if range_m is not None and geometry is not None else None
 
     @cached_property
-    def squares(self) -> Squares | None:
-        """The metrics of the map's squares without noise; None without a terrain, or one that
-        cannot be read. Raises InputError if their table is damaged.
+    def terrain(self) -> tuple[Terrain, TerrainErrors] | None:
+        """The map's terrain, in the map's own coordinates, with its errors; None without one, or
+        with one that cannot be read.
         """
-        made, pixel_m = self.map, self.ground_pixel_m
-        if made is None or pixel_m is None or not made.area_m2:
+        made, posed = self.map, self.posed
+        if made is None or posed is None or not made.area_m2:
             return None
-        paths = made.folder / FILE, made.folder / TERRAIN
-        heights = _terrain_m(paths[1]) if all(path.is_file() for path in paths) else None
-        if heights is None:
-            return None
-        width, height = self.run.geometry.image_size if self.run.geometry else (0, 0)
-        seen_m2 = len(made.track) * (self.typical("coverage") or 1) * width * height * pixel_m**2
+        path = made.folder / TERRAIN
         try:
-            return squares_of(
-                paths[0].read_bytes(),
-                heights,
-                made.cell_m["dem_m"],
-                made.cell_m["metrics_m"],
-                height_std_m(self.run) / float(np.sqrt(max(seen_m2 / made.area_m2, 1))),
-                pixel_m,
-            )
+            images = TerrainImages.open(path) if path.is_file() else None
+            if images is None:
+                return None
+            about = images.about
+            height_m = images.heights_m((0, 0, about["width"], about["height"])).astype(np.float64)
+        except InputError:
+            return None  # named with the page's other parts
+        east_m, north_m, up_m = posed.offset_m
+        west_m, cell_m = about["west_m"] - east_m, about["pixel_m"]
+        grid = Grid(west_m, about["north_m"] - north_m, cell_m, height_m.shape)
+        no_color = np.broadcast_to(np.float32(np.nan), (*height_m.shape, 3))
+        terrain = Terrain(grid, height_m - up_m, no_color)
+        return terrain, terrain_errors(posed, terrain)
+
+    @cached_property
+    def squares(self) -> Squares | None:
+        """The metrics of the map's squares without noise; None without a terrain. Raises InputError
+        if their table is damaged.
+        """
+        made = self.map
+        path = made.folder / FILE if made else None
+        if made is None or path is None or not path.is_file() or self.terrain is None:
+            return None
+        try:
+            return squares_of(path.read_bytes(), *self.terrain, made.cell_m["metrics_m"])
         except (OSError, ValueError, KeyError, IndexError) as error:
             raise InputError(
-                f"{paths[0]}: is damaged ({error}): make the map again with stereo-seecolor fuse"
+                f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"
             ) from error
 
-
-def _terrain_m(path: Path) -> NDArray[np.float64] | None:
-    """All heights of a terrain; None where they, or the library that reads them, cannot be had."""
-    try:
-        if (terrain := TerrainImages.open(path)) is None:
+    @cached_property
+    def structure(self) -> StructureAtScale | None:
+        """The structure of the map's squares of 1 m, or of the largest ones below that it holds,
+        as ``metrics`` states it; None without any.
+        """
+        if self.terrain is None:
             return None
-        box = (0, 0, terrain.about["width"], terrain.about["height"])
-        return terrain.heights_m(box).astype(np.float64)
-    except InputError:
-        return None  # named with the page's other parts
+        terrain, errors = self.terrain
+        coarse = terrain.averaged(resolved_cells(terrain, errors))
+        held = squares_of_edges(coarse, [edge_m for edge_m in EDGES_M if edge_m <= STATED_EDGE_M])
+        return structure(terrain, errors, [max(held)])[0] if held else None
 
 
 def _waters(run: FinishedRun) -> Mapping[str, Water]:
@@ -182,8 +205,8 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
         "duration": facts.duration_s and duration(facts.duration_s),
         "track": facts.track_m and length(facts.track_m),
         "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
-        "rugosity": facts.squares
-        and phrase("fact.rugosity_value", **_rugosity(facts.squares, length)),
+        "rugosity": facts.structure
+        and phrase("fact.rugosity_value", **_rugosity(facts.structure, length)),
         "range": range_m and length(range_m),
         "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
         "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
@@ -193,12 +216,16 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     ] + _halving(facts)
 
 
-def _rugosity(squares: Squares, length_text: Callable[[float], str]) -> dict[str, str]:
-    """Surface rugosity with its standard error, and the scale that it belongs to."""
-    text = f"{squares.rugosity:.2f}"
-    if np.isfinite(squares.rugosity_std):
-        text += f" ± {squares.rugosity_std:.2f}"
-    return {"rugosity": text, "cell": length_text(squares.scale_m)}
+def _rugosity(found: StructureAtScale, length_text: Callable[[float], str]) -> dict[str, str]:
+    """Surface rugosity with its standard error, and the scale and the squares it belongs to."""
+    text = f"{found.mean.rugosity_area:.2f}"
+    if np.isfinite(found.standard_error.rugosity_area):
+        text += f" ± {found.standard_error.rugosity_area:.2f}"
+    return {
+        "rugosity": text,
+        "cell": length_text(found.scale_m),
+        "edge": f"{found.edge_m:g}",
+    }
 
 
 def _halving(facts: DiveFacts) -> list[Fact]:
@@ -322,8 +349,8 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
     sentences = [phrase("methods.map", **numbers), phrase(f"methods.track.{_kind_of_track(made)}")]
     if made.range_scale != 1:
         sentences.append(phrase("methods.scale", factor=digits(made.range_scale, 4)))
-    if facts.squares:
-        values = _rugosity(facts.squares, lambda meters: f"{digits(1000 * meters)} mm")
+    if facts.structure:
+        values = _rugosity(facts.structure, lambda meters: f"{digits(1000 * meters)} mm")
         sentences.append(phrase("methods.map_rugosity", **values))
     residuals = [
         point.position_residual_m for point in made.track if point.position_residual_m is not None

@@ -1,8 +1,5 @@
-"""The metrics of a map's squares for the page: without the noise of the heights, at a stated scale.
-
-As ``metrics`` computes them cell by cell (mapping/raster/noise.py), from what a finished run knows
-without reading its ranges again: the standard error of a typical range, and how often a spot was
-seen.
+"""The metrics of a map's squares for the page: without the noise of the heights, at a stated scale,
+as ``metrics`` computes them (mapping/raster/noise.py).
 """
 
 from collections.abc import Sequence
@@ -12,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.csv_tables import table_rows
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
 from stereo_seecolor.mapping.raster.reef_metrics import (
     HORN_CELLS,
@@ -19,7 +17,7 @@ from stereo_seecolor.mapping.raster.reef_metrics import (
     ReefMetrics,
     roughness,
 )
-from stereo_seecolor.run_folder.posed_run import MATCH_PX
+from stereo_seecolor.mapping.raster.structure import resolved_cells
 
 Array = NDArray[np.float64]
 FILE = "reef_metrics.csv"
@@ -36,29 +34,22 @@ class Squares:
         names: of the M metrics.
         rows: (N, 2 + M) x and y of the center, metrics; NaN where unknown.
         std: (N, M) standard errors, NaN where not known.
-        rugosity, rugosity_std: surface rugosity of all squares, weighted by what was seen of each.
     """
 
     scale_m: float
     names: tuple[str, ...]
     rows: Array
     std: Array
-    rugosity: float
-    rugosity_std: float
 
 
-def squares_of(
-    table: bytes, heights_m: Array, cell_m: float, edge_m: float, noise_m: float, pixel_m: float
-) -> Squares:
+def squares_of(table: bytes, terrain: Terrain, errors: TerrainErrors, edge_m: float) -> Squares:
     """The metrics of the squares of a map, without noise.
 
     Args:
         table: content of reef_metrics.csv, the metrics as mapped.
-        heights_m: (H, W) the terrain, NaN where unknown.
-        cell_m: edge of its cells.
+        terrain: of which they are.
+        errors: of its heights.
         edge_m: edge of the squares.
-        noise_m: standard error of a height by noise, all views of it together.
-        pixel_m: edge of a pixel on the bottom.
 
     Raises:
         ValueError, KeyError: the table is damaged.
@@ -68,8 +59,8 @@ def squares_of(
     values = np.array(
         [[float(row[name] or "nan") for name in ("x_m", "y_m", *names)] for row in rows], np.float64
     ).reshape(len(rows), 2 + len(names))
+    cell_m, cells = terrain.grid.cell_m, resolved_cells(terrain, errors)
     size = max(3, round(edge_m / cell_m))
-    cells = max(1, int(np.ceil(MATCH_PX * pixel_m / cell_m - 1e-6)))
     places = [tuple(map(int, row["square"].split("-"))) for row in rows]
     windows = [
         (slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size))
@@ -83,28 +74,23 @@ def squares_of(
 
     def derived(squared: Array) -> Array:
         own = np.maximum(squared.reshape(-1, len(ROUGHNESS)), 0)
-        own = np.column_stack([np.sqrt(1 + own[:, :2]), own[:, 2], np.sqrt(own[:, 3])])
-        return np.append(own, [_mean(own, seen)], axis=0).ravel()
+        return np.column_stack([np.sqrt(1 + own[:, :2]), own[:, 2], np.sqrt(own[:, 3])]).ravel()
 
-    std, seen = np.full((len(rows) + 1, len(names)), np.nan), values[:, 2]
-    values = np.append(values, np.full((1, 2 + len(names)), np.nan), axis=0)
-    values[-1, 2 + np.array(chosen)] = _mean(values[:-1, 2 + np.array(chosen)], seen)
-    if rows and np.isfinite(noise_m):
-        noise = np.full(heights_m.shape, noise_m)
+    std = np.full((len(rows), len(names)), np.nan)
+    if rows and np.isfinite(errors.noise_m).any():
         found, *stds = corrected(
             measured,
             _smoothing(len(rows)),
             derived,
-            heights_m,
-            noise,
-            MATCH_PX * pixel_m / cell_m,
+            terrain.height_m,
+            errors.noise_m,
+            errors.correlation_m / cell_m,
             cells,
             DRAWS,
         )
-        values[:, 2 + np.array(chosen)] = found.reshape(len(values), -1)
-        std[:, chosen] = np.hypot(*stds).reshape(len(values), -1)
-    site = float(values[-1, 2 + chosen[0]]), float(std[-1, chosen[0]])
-    return Squares(cells * cell_m, names, values[:-1], std[:-1], *site)
+        values[:, 2 + np.array(chosen)] = found.reshape(len(rows), -1)
+        std[:, chosen] = np.hypot(*stds).reshape(len(rows), -1)
+    return Squares(cells * cell_m, names, values, std)
 
 
 def _of_windows(
@@ -125,10 +111,3 @@ def _smoothing(squares: int) -> Smoothing:
     """How the ROUGHNESS of so many squares goes with the scale."""
     kernels, of_ranges = [1, 1, HORN_CELLS, 1], [False, False, False, True]
     return Smoothing(np.tile(kernels, squares), np.tile(of_ranges, squares))
-
-
-def _mean(own: Array, seen: Array) -> Array:
-    """(M,) mean over squares (N, M), weighted by the fraction of each that was seen."""
-    weight = np.where(np.isfinite(own), seen[:, None], 0)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((weight * np.nan_to_num(own)).sum(axis=0) / weight.sum(axis=0))

@@ -13,7 +13,8 @@ from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
 from stereo_seecolor.extras.reef.lengths_and_areas import planar_area, polygon_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
-from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
+from stereo_seecolor.extras.reef.site_surface import SiteMesh
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import (
     CORRECTION_SETTINGS,
     OF_EXTREMES,
@@ -254,8 +255,7 @@ def overhang_l(mesh: SiteMesh, terrain: Terrain, mask: Mask, gap_m: float) -> fl
 
 def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
     """Square meters of mesh over, and below, the cells of a mask."""
-    row, column, area_m2 = terrain.triangles_of(mesh)
-    return float(area_m2[mask[row, column]].sum())
+    return float(mesh.area_over(terrain.grid)[mask].sum())
 
 
 def above_rim(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:

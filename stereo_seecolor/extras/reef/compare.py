@@ -16,16 +16,17 @@ from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compar
 from stereo_seecolor.extras.reef.labelled_points import on_map, point_cover, read_points
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, cover, tables, write_tables
 from stereo_seecolor.extras.reef.outlines import read_outlines
-from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_errors, terrain_of
-from stereo_seecolor.extras.reef.structure import structure
+from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_of
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.noise import height_stds
+from stereo_seecolor.mapping.raster.structure import structure
 from stereo_seecolor.mapping.raster.terrain import known_area_m2
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.range_code import height_std_m as typical_std_m
+from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
@@ -123,7 +124,7 @@ def metrics(
     seen = on_map(labelled, terrain.height_m, terrain.grid)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
     result = SiteMetrics(
-        structure=tuple(structure(mesh, terrain, errors)),
+        structure=tuple(structure(terrain, errors, mesh_m2=mesh.area_over)),
         colonies=colonies,
         cover=tuple(cover(colonies, seen_m2)),
         unseen=tuple(

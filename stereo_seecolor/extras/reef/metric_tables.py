@@ -8,9 +8,9 @@ from typing import Any
 
 from stereo_seecolor.extras.reef.colony import Colony
 from stereo_seecolor.extras.reef.labelled_points import PointCover
-from stereo_seecolor.extras.reef.structure import StructureAtScale
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.csv_tables import csv_text
+from stereo_seecolor.mapping.raster.structure import StructureAtScale
 
 # Cover of the bottom by label: as a fraction of what was seen, and of what was outlined.
 

@@ -36,13 +36,14 @@ from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, similarity_fit
 from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
-from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, open_site
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, open_site
 from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain
 
 Array = NDArray[np.float64]
 

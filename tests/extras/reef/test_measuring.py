@@ -31,7 +31,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
-from stereo_seecolor.mapping.raster.noise import spread_of
+from stereo_seecolor.mapping.raster.noise import HOLE_CELLS, OF_RANGES, OF_RELIEF, spread_of
 from stereo_seecolor.report.calibration_std import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -220,16 +220,55 @@ def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
     ] == pytest.approx(1, abs=0.05)
 
 
+def test_a_height_beside_a_hole_carries_a_part_of_the_step_that_it_hides() -> None:
+    """A block of 0.3 m, whose foot on one side no frame saw."""
+    heights = np.zeros((80, 80))
+    heights[:, :40] = 0.3
+    heights[:40, 40:46] = np.nan
+    terrain = Ground(heights.astype(np.float32), 0.0, 0.8, 0.01, 0.004)
+    rim, inner, low = (terrain.height_std_m(x, 0.6) for x in (0.395, 0.15, 0.465))
+    assert rim == pytest.approx(OF_RELIEF * 0.3 * np.exp(-1 / HOLE_CELLS), rel=0.05)
+    assert low == pytest.approx(rim, rel=0.05)
+    assert inner == pytest.approx(OF_RANGES * 0.004, rel=0.01)
+
+
+def test_a_height_on_rough_ground_carries_its_roughness() -> None:
+    rng = np.random.default_rng(1)
+    rough = Ground(rng.normal(0, 0.02, (60, 60)).astype(np.float32), 0.0, 0.6, 0.01, 0.004)
+    smooth = Ground(0.05 * rough.heights_m, 0.0, 0.6, 0.01, 0.004)
+    assert rough.height_std_m(0.3, 0.3) == pytest.approx(1.3 * 0.02, rel=0.25)
+    assert smooth.height_std_m(0.3, 0.3) < 0.1 * rough.height_std_m(0.3, 0.3)
+
+
+def test_a_length_along_the_map_puts_back_what_is_smoothed_away() -> None:
+    """A plane loses nothing, waves a tenth of what they are longer; half of it is in the error."""
+    plane, waves = slope(east=0.5), slope(east=0.0)
+    x_m = np.arange(waves.heights_m.shape[1]) * 0.01
+    waves = replace(
+        waves,
+        heights_m=(0.1 * np.sin(2 * np.pi * x_m / 0.4) + 0 * waves.heights_m).astype(np.float32),
+    )
+    for ground, longer in ((plane, False), (waves, True)):
+        ends = spots(ground, (5.2, 2.6), (5.8, 2.6))
+        line, found = ground.along(ends), ground.length(ends)
+        assert line and found
+        added_m = found.value - length_along(line).value
+        excess_m = length_along(line).value - straight_length(ends).value
+        assert added_m == pytest.approx(0.1 * max(excess_m, 0), abs=1e-6)
+        assert (added_m > 0.005) is longer and found.std >= added_m / 2
+
+
 def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
     terrain = Ground(slope(east=0.5).heights_m, 5.0, 3.0, 0.01, 0.004)
     (spot,) = spots(terrain, (5.5, 2.5))
-    assert spot.covariance[2, 2] == pytest.approx(0.004**2 + (0.5 * 0.002) ** 2, rel=1e-4)
+    height_m = OF_RANGES * 0.004  # of smooth ground
+    assert spot.covariance[2, 2] == pytest.approx(height_m**2 + (0.5 * 0.002) ** 2, rel=1e-3)
     rng, ends = np.random.default_rng(4), np.array([(5.2, 2.7), (5.7, 2.4)])
     lengths = []
     for _ in range(400):
         clicked = [terrain.pick(x, y, None, 0.002) for x, y in rng.normal(ends, 0.002)]
         points = np.array([spot.point_m for spot in clicked if spot]) + rng.normal(
-            0, 0.004, (2, 1)
+            0, height_m, (2, 1)
         ) * (0, 0, 1)
         lengths.append(np.linalg.norm(points[1] - points[0]))
     assert np.std(lengths) == pytest.approx(

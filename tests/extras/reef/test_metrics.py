@@ -25,16 +25,10 @@ from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline, read_outlines
-from stereo_seecolor.extras.reef.site_surface import (
-    SiteMesh,
-    Terrain,
-    TerrainErrors,
-    grid_of,
-    read_mesh,
-    terrain_errors,
-    terrain_of,
-)
-from stereo_seecolor.extras.reef.structure import (
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, grid_of, read_mesh, terrain_of
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.structure import (
     Numbers,
     mean_height_range,
     numbers_of,
@@ -42,9 +36,9 @@ from stereo_seecolor.extras.reef.structure import (
     squares_of,
     structure,
 )
-from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
+from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_run import open_map, open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
@@ -132,7 +126,7 @@ def test_what_smoothing_takes_from_ranges_and_slopes_is_put_back(dimension: floa
     mapped = replace(terrain, height_m=cv2.GaussianBlur(true_m, (0, 0), sigma))
     nothing, views = np.zeros(grid.shape), np.ones(grid.shape, np.int32)
     errors = TerrainErrors(nothing, nothing, views, sigma / 0.85 * CELL_M)
-    found = {each.edge_m: each for each in structure(mesh_of(lambda x, y: 0 * x), mapped, errors)}
+    found = {each.edge_m: each for each in structure(mapped, errors)}
     for edge_m in (0.5, 1.0, 2.0):
         scale_m = found[edge_m].scale_m
         coarse = terrain.averaged(round(scale_m / CELL_M))
@@ -234,7 +228,7 @@ def test_the_mesh_counts_what_overhangs() -> None:
         np.concatenate([ground.triangles, table.triangles + len(ground.points_m)]),
     )
     terrain, errors = site(both)
-    (scale, *_) = structure(both, terrain, errors)
+    (scale, *_) = structure(terrain, errors, mesh_m2=both.area_over)
     assert scale.mapped.rugosity_area == pytest.approx(1, abs=1e-9)
     # a cell at the edge is half covered
     assert scale.mapped.mesh_rugosity == pytest.approx(2, abs=0.05)
@@ -292,9 +286,8 @@ def test_structure_is_that_of_the_ground_and_not_of_its_noise(wave_m: float, tal
     height_m = cv2.GaussianBlur(true_m, (0, 0), 1.3) + 0.005 * noise / noise.std()
     terrain = Terrain(grid, height_m, np.full((*true_m.shape, 3), np.nan, np.float32))
     std_m = np.full(grid.shape, 0.005)
-    flat = mesh_of(lambda x, y: 0 * x)
     errors = TerrainErrors(std_m, std_m, np.ones(grid.shape, np.int32), 0.015)
-    (scale,) = (each for each in structure(flat, terrain, errors) if each.edge_m == 1)
+    (scale,) = (each for each in structure(terrain, errors) if each.edge_m == 1)
     cells = round(scale.scale_m / CELL_M)
     coarse = replace(terrain, height_m=true_m).averaged(cells)
     true = numbers_of(coarse.height_m, scale.scale_m, squares_of(coarse)[1.0]).mean(axis=0)
@@ -550,7 +543,9 @@ def test_files_without_outlines_say_so(
 
 
 @pytest.mark.slow
-def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: SampleRun) -> None:
+def test_page_methods_metrics_mosaic_and_terrain_state_one_area_and_one_rugosity(
+    sample_run: SampleRun,
+) -> None:
     made = open_map(sample_run.out)
     assert made is not None and made.area_m2
     with rasterio.open(made.folder / "dem.tif") as file:
@@ -558,8 +553,15 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area(sample_run: Samp
     with rasterio.open(made.folder / "orthomosaic.tif") as file:
         # edges, in other cells
         assert (file.read(4) > 0).sum() * file.res[0] ** 2 == pytest.approx(made.area_m2, rel=0.005)
-    assert metrics(sample_run.out).area_m2 == pytest.approx(made.area_m2)
+    found = metrics(sample_run.out)
+    assert found.area_m2 == pytest.approx(made.area_m2)
     facts = DiveFacts.of(open_run(sample_run.out))
+    (scale,) = (each for each in found.structure if each.edge_m == 1)
+    assert facts.structure is not None
+    assert facts.structure.mean.rugosity_area == pytest.approx(scale.mean.rugosity_area, rel=1e-3)
+    rugosity = f"{scale.mean.rugosity_area:.2f} ± {scale.standard_error.rugosity_area:.2f}"
+    assert f"{rugosity} (standard error)" in methods(facts)
+    assert any(fact.value.startswith(rugosity) for fact in dive_facts(facts))
     said = digits(made.area_m2)
     assert f"{said} m² of reef" in methods(facts)
     assert phrase("unit.m2", value=said) in {fact.value for fact in dive_facts(facts)}

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.extras.reef.comparing.difference import SETTINGS as DIFFERENCE
 from stereo_seecolor.extras.reef.comparing.difference import Difference
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances
-from stereo_seecolor.extras.reef.site_surface import Terrain
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.mapping.raster.height_model import Terrain
 from stereo_seecolor.robust_statistics import TUKEY, biweight
 
 Float = NDArray[np.float32]

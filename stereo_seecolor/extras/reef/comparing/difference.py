@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.comparing.registration import Registration
-from stereo_seecolor.extras.reef.site_surface import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]

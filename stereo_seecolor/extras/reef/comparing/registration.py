@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
-from stereo_seecolor.extras.reef.site_surface import Site, Terrain, grid_of, terrain_of
+from stereo_seecolor.extras.reef.site_surface import Site, grid_of, terrain_of
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain
 from stereo_seecolor.mapping.track.local_contrast import local_contrast
 from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
 from stereo_seecolor.run_folder.layout import MOSAIC

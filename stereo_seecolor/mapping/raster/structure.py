@@ -2,13 +2,14 @@
 them, and standard error.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.site_surface import SiteMesh, Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import (
     OF_EXTREMES,
     Smoothing,
@@ -143,6 +144,10 @@ Window = tuple[slice, slice]
 EDGES_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 FEWEST_CELLS = 8
 """A square's edge. The fractal dimension needs 32: four scales of at least four cells."""
+DRAWS = 8
+"""Of errors; their part of the standard errors, small beside that of the corrections, is known to a
+quarter.
+"""
 RANGE = 3
 """Which of the numbers is the height range."""
 SHARED = np.array([0.15, 0.5, 0.5, 0.5, 0.15])
@@ -158,8 +163,8 @@ alike.
 
 @dataclass(frozen=True)
 class Numbers:
-    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs included, over
-    the planar area.
+    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs and noise
+    included, over the planar area; without a standard error.
     """
 
     rugosity_area: float
@@ -195,11 +200,21 @@ class StructureAtScale:
     mapped: Numbers
 
 
-def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[StructureAtScale]:
-    """Compute the structure at each scale of which the site holds a square."""
+def structure(
+    terrain: Terrain,
+    errors: TerrainErrors,
+    edges_m: Sequence[float] = EDGES_M,
+    mesh_m2: Callable[[Grid], Array] | None = None,
+) -> list[StructureAtScale]:
+    """Compute the structure at each scale of which the site holds a square: for ``metrics`` and,
+    of one edge, for the page.
+
+    mesh_m2: the area of mesh over each cell of a grid (H, W); without it the rugosity of the mesh
+    is NaN.
+    """
     cells = resolved_cells(terrain, errors)
     coarse = terrain.averaged(cells)
-    squares, scale_m = squares_of(coarse), coarse.grid.cell_m
+    squares, scale_m = squares_of(coarse, edges_m), coarse.grid.cell_m
     if not squares:
         return []
 
@@ -226,6 +241,7 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
         errors.noise_m,
         errors.correlation_m / terrain.grid.cell_m,
         cells,
+        DRAWS,
     )
     values, by_draws, of_corrections = (each.reshape(len(squares), -1) for each in (values, *parts))
     counts = np.array([len(windows) for windows in squares.values()])[:, None]
@@ -239,7 +255,7 @@ def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[S
     values[:, 2] = np.where(np.isfinite(stds[:, 2]), values[:, 2], np.nan)
     extremes = _extreme_stds(terrain, coarse, cells, squares)
     stds[:, RANGE] = np.hypot(stds[:, RANGE], extremes)
-    area = _mesh_area(mesh, coarse)
+    area = mesh_m2(coarse.grid) if mesh_m2 else np.full(coarse.grid.shape, np.nan)
     return [
         _summary(edge_m, scale_m, _with_mesh(coarse, area, windows), value, std)
         for (edge_m, windows), value, std in zip(squares.items(), values, stds, strict=True)
@@ -269,18 +285,17 @@ def _extreme_stds(
 def _summary(
     edge_m: float, scale_m: float, squares: Array, value: Array, std: Array
 ) -> StructureAtScale:
-    """squares: (N, M) as mapped, the mesh's rugosity last. value, std: (M - 1,); the mesh's is
-    corrected as the terrain's.
+    """squares: (N, M) as mapped, the mesh's rugosity last, which stays so: its error is not known.
+    value, std: (M - 1,).
     """
     mapped = squares.mean(axis=0)
-    mean = np.append(value, mapped[-1] * value[0] / mapped[0])
     between = squares.std(axis=0, ddof=1) if len(squares) > 1 else np.full(squares.shape[1], np.nan)
     return StructureAtScale(
         edge_m,
         scale_m,
         len(squares),
-        Numbers(*mean),
-        Numbers(*np.append(std, std[0])),
+        Numbers(*np.append(value, mapped[-1])),
+        Numbers(*np.append(std, np.nan)),
         Numbers(*between),
         Numbers(*mapped),
     )
@@ -337,11 +352,11 @@ def _with_mesh(terrain: Terrain, area: Array, windows: list[Window]) -> Array:
     return np.column_stack([numbers_of(terrain.height_m, cell_m, windows), mesh])
 
 
-def squares_of(terrain: Terrain) -> dict[float, list[Window]]:
+def squares_of(terrain: Terrain, edges_m: Sequence[float] = EDGES_M) -> dict[float, list[Window]]:
     """By the edge, meters, the squares that were seen well enough; edges without one are left
     out.
     """
-    return {edge_m: windows for edge_m in EDGES_M if (windows := list(_windows(terrain, edge_m)))}
+    return {edge_m: windows for edge_m in edges_m if (windows := list(_windows(terrain, edge_m)))}
 
 
 def _windows(terrain: Terrain, edge_m: float) -> Iterator[Window]:
@@ -355,11 +370,3 @@ def _windows(terrain: Terrain, edge_m: float) -> Iterator[Window]:
             window = slice(row, row + size), slice(column, column + size)
             if terrain.known[window].mean() > MIN_COVERAGE:
                 yield window
-
-
-def _mesh_area(mesh: SiteMesh, terrain: Terrain) -> Array:
-    """(H, W) square meters of mesh over, and below, each cell."""
-    (row, column, area_m2), (height, width) = terrain.triangles_of(mesh), terrain.grid.shape
-    return np.asarray(
-        np.bincount(row * width + column, area_m2, height * width).reshape(height, width)
-    )
