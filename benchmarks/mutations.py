@@ -177,8 +177,8 @@ BREAKS = (
     Break(
         "page: near ranges do not fit into 16 bits",
         "stereo_seecolor/report/range_code.py",
-        "step = max(RANGE_CODE.step_per_m, 1 / (65535 * nearest_m))",
-        "step = RANGE_CODE.step_per_m",
+        "step = max(RANGE_CODE.step_per_m, allowed, 1 / (65535 * nearest_m))",
+        "step = max(RANGE_CODE.step_per_m, allowed)",
         "report/test_page.py",
     ),
     Break(

@@ -39,7 +39,7 @@ def _squares(page: Page) -> None:
     page.get_by_role("button", name="Mosaic").click()
     page.wait_for_timeout(1500)
     page.get_by_role("button", name="Hillshade").click()
-    page.locator("#map select").select_option("1")
+    page.locator("#map select").first.select_option("1")
     page.wait_for_timeout(2500)
 
 

@@ -85,7 +85,7 @@ def warm_up_fit() -> None:
         RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays,
         image,
     )
-    CodedRanges.of(range_m)
+    CodedRanges.of(range_m, range_m)
 
 
 def warm_up_correction() -> None:

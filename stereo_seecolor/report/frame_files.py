@@ -130,7 +130,8 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
     """The script with a frame's coded ranges, their standard errors, confidence and mask."""
     confidence = frame.read("confidence")
     range_m = np.where(confidence > 0, frame.read("range"), np.float32(np.nan))
-    ranges = CodedRanges.of(range_m)
+    std_m = _std_m(frame, range_m, geometry)
+    ranges = CodedRanges.of(range_m, std_m)
     every = np.s_[::OVERLAY_STEP_PX, ::OVERLAY_STEP_PX]
     content = {
         "height": range_m.shape[0],
@@ -138,7 +139,7 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
         "step_per_m": ranges.step_per_m,
         "ranges": text(deflated(ranges.planes)),
         "known": text(deflated(np.packbits(ranges.known))),
-        "std": text(deflated(std_codes(_std_m(frame, range_m, geometry)))),
+        "std": text(deflated(std_codes(std_m))),
         "confidence": text(deflated(_rounded(confidence[every]))),
         "mask": text(deflated(frame.read("mask")[every])),
     }

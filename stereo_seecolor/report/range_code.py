@@ -62,8 +62,10 @@ def _predict(codes, planes):  # type: ignore[no-untyped-def]
 class RangeCode:
     """Settings of the code."""
 
-    # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
+    # half a step is 0.095 mm at 1 m, a tenth of a range's standard error; and no finer than
     step_per_m: float = 1.9e-4
+    # this part of it as a frame states it: what rounding adds is 4 % of its square
+    of_std: float = 0.7
     std_floor_m: float = 1e-5  # no stereo measures better
     std_steps_per_octave: int = 12  # 3 % of the standard error; 8 bits reach 24 m
     std_block_px: int = 4  # standard errors vary slowly
@@ -86,13 +88,17 @@ class CodedRanges:
     known: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, range_m: Map) -> "CodedRanges":
-        """Code ranges (H, W), NaN where unknown; the step is coarser if the nearest range requires
-        it.
+    def of(cls, range_m: Map, std_m: Map) -> "CodedRanges":
+        """Code ranges (H, W), NaN where unknown, with standard errors (H, W); the step is coarser
+        if these allow it, or the nearest range requires it.
         """
         known = range_m > 0
         nearest_m = float(np.min(range_m, where=known, initial=np.inf))
-        step = max(RANGE_CODE.step_per_m, 1 / (65535 * nearest_m))
+        some = np.s_[:: RANGE_CODE.std_block_px, :: RANGE_CODE.std_block_px]
+        inverse_std = std_m[some] / range_m[some] ** 2
+        usual = inverse_std[np.isfinite(inverse_std)]
+        allowed = RANGE_CODE.of_std * float(np.median(usual)) if usual.size else 0.0
+        step = max(RANGE_CODE.step_per_m, allowed, 1 / (65535 * nearest_m))
         codes = np.empty(range_m.shape, np.int32)
         _code(range_m, step, codes)
         return cls(step, predicted(codes), known)

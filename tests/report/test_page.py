@@ -596,14 +596,26 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
     rng = np.random.default_rng(1)
     range_m = rng.uniform(0.3, 20, (61, 83)).astype(np.float32)
     range_m[rng.random(range_m.shape) < 0.2] = np.nan
-    found = CodedRanges.of(range_m).range_m()
+    unknown = np.full_like(range_m, np.nan)
+    found = CodedRanges.of(range_m, unknown).range_m()
     assert (np.isnan(found) == np.isnan(range_m)).all()
     assert np.nanmax(abs(found - range_m) / range_m**2) < 1e-4
 
 
+@pytest.mark.parametrize("std_at_1_m", [1e-5, 0.002, 0.02])
+def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(
+    std_at_1_m: float,
+) -> None:
+    rng = np.random.default_rng(1)
+    range_m = rng.uniform(0.5, 20, (61, 83)).astype(np.float32)
+    coded = CodedRanges.of(range_m, np.float32(std_at_1_m) * range_m**2)
+    off = abs(1 / coded.range_m() - 1 / range_m)
+    assert off.max() < max(1e-4, 0.36 * std_at_1_m)
+
+
 def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
     range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
-    coded = CodedRanges.of(range_m)
+    coded = CodedRanges.of(range_m, np.full_like(range_m, np.nan))
     assert coded.step_per_m > RANGE_CODE.step_per_m
     np.testing.assert_allclose(coded.range_m(), range_m, rtol=1e-3)
 

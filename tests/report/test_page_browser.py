@@ -723,7 +723,7 @@ def stripes(screenshot: bytes) -> int:
 def test_the_whole_map_is_seen_in_a_window_that_changes_its_shape(on_map: Page) -> None:
     until_drawn(on_map)
     on_map.set_viewport_size({"width": 390, "height": 1000})
-    until(on_map, "document.querySelector('.map-stage canvas').width < 390")
+    until(on_map, "document.querySelector('.map-stage canvas').clientWidth < 390")
     turned = at_rest(on_map)
     on_map.get_by_role("button", name="Whole map").click()
     assert at_rest(on_map) == turned

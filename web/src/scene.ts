@@ -30,8 +30,10 @@ const STILL_PX = 4;
 /** Levels of detail: so coarse may a cell of the mesh be on the screen; more where drawing is slow and the view moves. */
 const FINEST_PX = 1.6;
 const COARSEST_PX = 12;
-const SLOW_MS = 70;
-const QUICK_MS = 30;
+const SLOW_MS = 40;
+const QUICK_MS = 25;
+const STILL_RATIO = 2; // pixels of the drawing to one of the page: smooth edges, once nothing moves, on any graphics card
+const MOVING_RATIOS: [number, number][] = [[5, 0.5], [2.5, 0.75], [0, 1]]; // from so coarse a mesh on, so many pixels to one of the screen
 const STILL_MS = 400;
 const AIM_MS = 150; // between two looks for the reef: one takes some ms on a large map
 const MOST_COARSER = 2; // at once: one slow picture may have had another cause
@@ -57,7 +59,7 @@ export class Scene {
   readonly root: HTMLElement;
   private readonly scene = new Three();
   private readonly camera = new PerspectiveCamera(45, 1, 0.05, 2000);
-  private readonly renderer = new WebGLRenderer({ antialias: true, alpha: true });
+  private readonly renderer = new WebGLRenderer({ antialias: false, alpha: true }); // multisampling takes half of the time where there is no graphics card
   private readonly controls: MapControls;
   private readonly plain = new MeshBasicMaterial({ vertexColors: true, side: 2 });
   private readonly shaded = new MeshLambertMaterial({ color: 0xb9c4c6, flatShading: true, side: 2 });
@@ -85,7 +87,7 @@ export class Scene {
     private readonly missed: (sight: Sight) => void,
     private readonly drawn: () => void,
   ) {
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(STILL_RATIO);
     this.root = this.renderer.domElement;
     this.root.tabIndex = 0;
     this.root.setAttribute("role", "img");
@@ -324,6 +326,13 @@ export class Scene {
     this.drawn_ms = now_ms;
   }
 
+  /** Fewer pixels where drawing is slow and the view moves. */
+  private get ratio(): number {
+    if (!this.moving) return STILL_RATIO;
+    const [, part] = MOVING_RATIOS.find(([from_px]) => this.moving_px >= from_px) as [number, number];
+    return part * Math.min(devicePixelRatio, STILL_RATIO);
+  }
+
   /** Draw at the next frame; finer pieces are fetched where the viewer is near. */
   private draw(): void {
     if (this.waiting) return;
@@ -331,6 +340,7 @@ export class Scene {
     requestAnimationFrame(() => {
       this.waiting = false;
       this.keepPace();
+      if (this.ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(this.ratio);
       this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2), this.coarsest_px);
       this.renderer.render(this.scene, this.camera);
       this.root.dataset.triangles = String(this.detail.triangles);
