@@ -159,7 +159,7 @@ def fuse(
         MappingError: If the track cannot be estimated, or the frames cannot be fused.
         OutputError: If the map cannot be written, or another process writes into ``out`` now.
     """
-    from stereo_seecolor.mapping.surface.connected_parts import connected_parts
+    from stereo_seecolor.mapping.surface.kernels import integrate
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
     out, poses = Path(out), Path(poses) if poses else None
@@ -175,7 +175,7 @@ def fuse(
         )
         trajectory = given_trajectory(poses, config.mapping, frames.T_rectified_left)
         progress = _stages_of(
-            Both(listener or Silence(), ProgressFile(folder.root)), connected_parts.missing
+            Both(listener or Silence(), ProgressFile(folder.root)), integrate.missing
         )
         with (
             compute.sharing(state(out), ()),

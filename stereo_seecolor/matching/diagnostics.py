@@ -4,7 +4,6 @@ not be trusted.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -153,8 +152,7 @@ def one_sided_warning(
     left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A
     hole in a row as long as the disparity jumps up across it is an occlusion; a longer one is not.
     """
-    unmatched = np.zeros(disparity.shape, np.uint8)
-    _long_holes(disparity, np.float32(scale), DIAGNOSTICS_CONSTANTS.excess_px, unmatched)
+    unmatched = _long_holes(disparity, scale)
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
     unmatched &= texture & ~repeated
     fraction = float(
@@ -171,24 +169,22 @@ def one_sided_warning(
     return f"{fraction:.1%} of the left image has no match: {why}"
 
 
-@compiled
-def _long_holes(disparity: Map, scale: Any, excess_px: float, hole: NDArray[np.uint8]) -> None:
+def _long_holes(disparity: Map, scale: int) -> NDArray[np.uint8]:
     """1 in the holes of a row that are longer than the occlusion that the disparities at their ends
     make.
     """
-    height, width = disparity.shape
-    for y in range(height):
-        before = width
-        for x in range(width):
-            if not np.isfinite(disparity[y, x]):
-                continue
-            if (
-                x - before > 1
-                and x - before - 1 - max(disparity[y, x] - disparity[y, before], 0) / scale
-                > excess_px
-            ):
-                hole[y, before + 1 : x] = 1
-            before = x
+    rows, columns = np.nonzero(np.isfinite(disparity))
+    known = disparity[rows, columns]
+    length = np.diff(columns) - 1
+    occluded = np.maximum(np.diff(known), 0) / np.float32(scale)
+    long = (length > 0) & (np.diff(rows) == 0)
+    long &= length - occluded > DIAGNOSTICS_CONSTANTS.excess_px
+    hole = np.zeros(disparity.shape, np.uint8)
+    for row, before, after in zip(
+        rows[1:][long], columns[:-1][long], columns[1:][long], strict=True
+    ):
+        hole[row, before + 1 : after] = 1
+    return hole
 
 
 def vertical_disparity_warning(vertical_px: float) -> str | None:

@@ -5,7 +5,6 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.compiled import compiled
@@ -210,24 +209,12 @@ def remove_speckles(disparity: Map, pixels: int) -> None:
     disparity to within one pixel.
     """
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
-    fixed = np.empty((-(-disparity.shape[0] // every), -(-disparity.shape[1] // every)), np.int16)
-    _thin(disparity, every, fixed)
+    thin = disparity[::every, ::every]
+    fixed = np.where(np.isfinite(thin), thin * np.float32(PER_PX), _UNKNOWN).astype(np.int16)
     kept = fixed.copy()
     cv2.filterSpeckles(kept, _UNKNOWN, pixels // every**2, PER_PX)
-    _remove(disparity, every, cv2.compare(kept, fixed, cv2.CMP_NE))
-
-
-@compiled
-def _thin(disparity: Map, every: int, fixed: NDArray[np.int16]) -> None:
-    for y in range(fixed.shape[0]):
-        for x in range(fixed.shape[1]):
-            d = disparity[y * every, x * every]
-            fixed[y, x] = np.int16(d * np.float32(PER_PX)) if np.isfinite(d) else np.int16(_UNKNOWN)
-
-
-@compiled
-def _remove(disparity: Map, every: int, speckle: NDArray[np.uint8]) -> None:
-    for y in range(speckle.shape[0]):
-        for x in range(speckle.shape[1]):
-            if speckle[y, x]:
-                disparity[y * every : (y + 1) * every, x * every : (x + 1) * every] = np.nan
+    speckle = kept != fixed
+    for row in range(every):
+        for column in range(every):
+            part = disparity[row::every, column::every]
+            part[speckle[: part.shape[0], : part.shape[1]]] = np.nan

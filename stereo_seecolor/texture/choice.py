@@ -34,7 +34,9 @@ def choose(found: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
     ).astype(np.int32)
     for _ in range(ROUNDS):
         settle(label, found.view, cost, across, SEAM, SWEEPS)
-        absorb(label, found.view, cost, across, SEAM, SMALL)
+        of_patch, moved = np.full((2, len(label)), -1, np.int64)
+        patch, around = np.empty(len(label), np.int64), np.empty(3 * SMALL, np.int32)
+        absorb(label, found.view, cost, across, SEAM, SMALL, (of_patch, moved, patch, around))
     return label
 
 
@@ -64,12 +66,12 @@ def settle(label, view, cost, across, seam, sweeps):  # type: ignore[no-untyped-
 
 
 @compiled
-def absorb(label, view, cost, across, seam, small):  # type: ignore[no-untyped-def]
+def absorb(label, view, cost, across, seam, small, scratch):  # type: ignore[no-untyped-def]
     """Give all triangles of a small patch that a neighboring patch's view shows that view, in
-    place, where it costs less.
+    place, where it costs less. scratch: two (F,) of -1, room for (F,) triangles and (3 small,)
+    views.
     """
-    of_patch, moved = np.full(len(label), -1, np.int64), np.full(len(label), -1, np.int64)
-    patch, around, turn = np.empty(len(label), np.int64), np.empty(3 * small, label.dtype), 0
+    (of_patch, moved, patch, around), turn = scratch, 0
     for start in range(len(label)):
         if label[start] < 0 or of_patch[start] >= 0:
             continue
@@ -77,14 +79,13 @@ def absorb(label, view, cost, across, seam, small):  # type: ignore[no-untyped-d
         if count > small:
             continue
         to, least = label[start], 0.0
-        for k in range(views_around(patch[:count], label, across, around)):
+        of_one = patch[:count]
+        for k in range(views_around(of_one, label, across, around)):
             turn += 1
-            more = moved_cost(
-                patch[:count], around[k], turn, (label, view, cost, across, moved), seam
-            )
+            more = moved_cost(of_one, around[k], turn, (label, view, cost, across, moved), seam)
             if more < least:
                 to, least = around[k], more
-        for f in patch[:count]:
+        for f in of_one:
             if place_of(to, view, f) >= 0:
                 label[f] = to
 
@@ -112,7 +113,10 @@ def views_around(patch, label, across, around):  # type: ignore[no-untyped-def]
             beside = across[f, side]
             if beside < 0 or label[beside] < 0 or label[beside] == label[f]:
                 continue
-            if not (around[:count] == label[beside]).any():
+            k = 0
+            while k < count and around[k] != label[beside]:
+                k += 1
+            if k == count:
                 around[count] = label[beside]
                 count += 1
     return count

@@ -191,7 +191,10 @@ def rate(surface, camera, seen, limits, number, view, value):  # type: ignore[no
         )
         at = soft[int(np.rint(pixel[3, 1])) // 2, int(np.rint(pixel[3, 0])) // 2]
         found /= 1 + (difference(at, color, triangles[f]) / color_std) ** 2
-        worst = value[f].argmin()
+        worst = 0
+        for k in range(1, value.shape[1]):
+            if value[f, k] < value[f, worst]:
+                worst = k
         if found > value[f, worst]:
             view[f, worst], value[f, worst] = number, found
 

@@ -1,7 +1,5 @@
 """Chooses the brightness of corrected images from their moment table."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,6 @@ from stereo_seecolor.color.table.encoding import (
     decoded_bins,
 )
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import Water
@@ -49,9 +46,8 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     occupied = occupied[judged]
     gain = np.ascontiguousarray(gain[:, judged])
     offset = np.ascontiguousarray(offset[:, judged])
-    number = np.zeros((3, _OCTAVES), np.int64)
     light = decoded_bins(table.bit_depth, config.encoding)
-    _add_up(table.counts, occupied, gain, offset, light, number)
+    number = _add_up(table.counts, occupied, gain, offset, light)
     pixels = int(table.pixels[occupied].sum())
     brightest = _exceeded(number.sum(axis=0), int(CLIPPED_FRACTION * pixels))
     if brightest <= 0:
@@ -96,13 +92,19 @@ def _exceeded(number: NDArray[np.int64], allowed: int) -> float:
     )
 
 
-@compiled
-def _add_up(counts: Any, bins: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
-    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number`` (3, 32640), at the leading bits
-    (exponent and 7 more) of the light that they are shown as. gain, offset: (3, N).
+def _add_up(
+    counts: NDArray[np.integer],
+    bins: NDArray[np.int64],
+    gain: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    light: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """Counts (3, 256, V) of range ``bins`` (N,) at the leading bits (exponent and 7 more) of the
+    light that they are shown as: (3, 32640). gain, offset: (3, N).
     """
+    number = np.zeros((3, _OCTAVES), np.int64)
     for c in range(3):
-        for i in range(bins.size):
-            for value in range(light.size):
-                shown = np.float32(max(gain[c, i] * light[value] - offset[c, i], 0.0))
-                number[c, shown.view(np.int32) >> _MANTISSA_BITS] += counts[c, bins[i], value]
+        for i, range_bin in enumerate(bins):
+            shown = np.maximum(gain[c, i] * light - offset[c, i], 0.0).astype(np.float32)
+            np.add.at(number[c], shown.view(np.int32) >> _MANTISSA_BITS, counts[c, range_bin])
+    return number

@@ -1,45 +1,20 @@
 """Connected parts of a mesh, and how large they are."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
-from stereo_seecolor.compute.compiled import compiled
 
-
-@compiled
-def connected_parts(triangles: Any, points: int) -> Any:
+def connected_parts(triangles: NDArray[np.int32], points: int) -> NDArray[np.int64]:
     """Number the connected parts of a mesh from 0, as they come: (V,) int64, the part of each of so
     many points.
 
-    triangles: (T, 3) int32. Union-find with path halving; the lowest point of a part stands for it.
+    triangles: (T, 3) int32.
     """
-    root = np.empty(points, np.int64)
-    for i in range(points):  # np.arange takes numba a tenth of a second to compile
-        root[i] = i
-    for t in range(len(triangles)):
-        a = _root(root, triangles[t, 0])
-        for k in range(1, 3):
-            b = _root(root, triangles[t, k])
-            root[max(a, b)] = min(a, b)
-            a = min(a, b)
-    parts, count = np.empty(points, np.int64), 0
-    for i in range(points):
-        if root[i] == i:
-            parts[i] = count
-            count += 1
-        else:
-            parts[i] = parts[root[i]]  # lower, so it has its number
-    return parts
-
-
-@compiled
-def _root(root: Any, i: Any) -> Any:
-    while root[i] != i:
-        root[i] = root[root[i]]
-        i = root[i]
-    return i
+    one, other = triangles[:, :2].ravel(), triangles[:, 1:].ravel()
+    edges = csr_array((np.ones(len(one), np.int8), (one, other)), shape=(points, points))
+    return connected_components(edges, directed=False)[1].astype(np.int64)
 
 
 def triangle_areas(
