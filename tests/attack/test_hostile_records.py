@@ -237,7 +237,7 @@ def test_a_campaigns_states_name_no_folder_outside(tmp_path: Path) -> None:
         json.dumps({"../home": {"name": "../home", "state": "done"}})
     )
     code, said = command("status", tmp_path)
-    assert (code, "which does not lie in" in said) == (1, True), said
+    assert (code, "which is not in" in said) == (1, True), said
 
 
 @pytest.mark.parametrize("file", ["range", "corrected", "mask"])
