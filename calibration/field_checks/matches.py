@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.field_checks.alignment import align
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification, raw_points, rectified_points
 from calibration.rig import StereoRig
@@ -38,6 +39,10 @@ Images = tuple[NDArray[np.generic], NDArray[np.generic]]
 
 
 SIFT_BYTES_A_PIXEL = 250
+UNLIKE = 400.0**2
+"""Squared distance of SIFT descriptors (length 512) that are hardly alike: what a feature without a
+second choice near its row is compared with.
+"""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,16 @@ class MatchLimits:
     step_px: int = 1  # features are looked for at this resolution, and refined at the images' own
     # of an image that features are looked for in, or at a coarser step
     most_pixels: float = 6e6
+    # of a pair: fewer are looked for again near their rows
+    enough: int = 100
+    # that again: of the image's height (rows of a rig that has drifted are off by some pixels);
+    # few features lie there, so that a nearest one that is less clear is right as well
+    band_fraction: float = 0.02
+    band_ratio: float = 0.85
+    # rows of right ones differ as those of their neighbors do; of two scenes 1 in 5 do by chance
+    row_px: float = 2.0
+    agreeing: float = 0.6
+    least: int = 20
 
     def bytes_of(self, image_size: tuple[int, int]) -> float:
         """Memory that the features of one image take while they are looked for."""
@@ -62,7 +77,7 @@ class MatchLimits:
 
 
 MATCH_LIMITS = MatchLimits()
-QUICK = MatchLimits(max_features=500, step_px=3)
+QUICK = MatchLimits(max_features=500, step_px=3, enough=60)
 """An eighth of the time, and some 300 matches a pair on a coral reef: enough for a median."""
 
 
@@ -83,13 +98,15 @@ def find_matches(
     limits: MatchLimits = MATCH_LIMITS,
 ) -> Matches:
     """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical
-    flow there and back.
+    flow there and back; where few are found, near their rows, and with windows that are deformed.
     """
-    return match_described(
-        describe_left(rectification, left, limits),
-        describe_right(rectification, right, limits),
-        limits,
-    )
+    first = describe_left(rectification, left, limits)
+    second = describe_right(rectification, right, limits)
+    found = match_described(first, second, limits)
+    if len(found.left) >= limits.enough:
+        return found
+    near = _match_near_rows(first, second, limits)
+    return near if len(near.left) > len(found.left) else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +153,31 @@ def match_described(first: Described, second: Described, limits: MatchLimits) ->
     at_first, at_second = _alike(first, second)
     near = np.abs(at_first[:, 1] - at_second[:, 1]) < limits.max_row_fraction * len(first.image)
     return _refine([first.image, second.image], at_first[near], at_second[near])
+
+
+def _match_near_rows(first: Described, second: Described, limits: MatchLimits) -> Matches:
+    """Match the features of two rectified images whose points lie near each other's rows, as the
+    cameras of a wide rig see them; none where their rows do not agree, as of two scenes.
+    """
+    none = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+    if min(len(first.points), len(second.points)) < limits.least:
+        return none
+    band_px = limits.band_fraction * len(first.image)
+    apart = np.abs(first.points[:, None, 1] - second.points[None, :, 1]) > band_px
+    pairs = _mutual(first.descriptors, second.descriptors, limits.band_ratio, apart)
+    left, right = (
+        described.points[pairs[:, side]].astype(np.float64)
+        for side, described in enumerate((first, second))
+    )
+    right, agree = align(first.image, second.image, left, right)
+    left, right = left[agree], right[agree]
+    if len(left) < limits.least:
+        return none
+    _, rest = explain(right[:, 1] - left[:, 1], left - left.mean(axis=0))
+    kept = np.abs(rest) < limits.row_px
+    if kept.sum() < max(limits.least, limits.agreeing * len(left)):
+        return none
+    return Matches(left[kept], right[kept])
 
 
 def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int64]:
@@ -197,24 +239,31 @@ def _alike(first: Described, second: Described) -> tuple[NDArray[np.float32], ND
     return first.points[pairs[:, 0]], second.points[pairs[:, 1]]
 
 
-def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.int64]:
+def _mutual(
+    left: NDArray[np.float32],
+    right: NDArray[np.float32],
+    ratio: float = MATCH_LIMITS.ratio,
+    apart: NDArray[np.bool_] | None = None,
+) -> NDArray[np.int64]:
     """(n, 2) indices of descriptors that choose each other, each clearly before its second
-    choice.
+    choice. apart: (left, right) True of those that cannot be the same.
 
     All distances at once: SIFT's numbers are whole and small, so that the sums are exact.
     """
     squared = (
         np.square(left).sum(axis=1)[:, None] + np.square(right).sum(axis=1) - 2 * (left @ right.T)
     )
+    if apart is not None:
+        squared[apart] = UNLIKE
     of_left, of_right = (
-        _clearly_nearest(squared.copy()),
-        _clearly_nearest(np.ascontiguousarray(squared.T)),
+        _clearly_nearest(squared.copy(), ratio),
+        _clearly_nearest(np.ascontiguousarray(squared.T), ratio),
     )
     both = np.flatnonzero((of_left >= 0) & (of_right[of_left] == np.arange(len(left))))
     return np.column_stack([both, of_left[both]])
 
 
-def _clearly_nearest(squared: NDArray[np.float32]) -> NDArray[np.int64]:
+def _clearly_nearest(squared: NDArray[np.float32], ratio: float) -> NDArray[np.int64]:
     """(n,) column of the least of each row (n, m), which is overwritten; -1 where the second least
     is not clearly more.
     """
@@ -222,7 +271,7 @@ def _clearly_nearest(squared: NDArray[np.float32]) -> NDArray[np.int64]:
     nearest = squared.argmin(axis=1)
     first = squared[rows, nearest]
     squared[rows, nearest] = np.inf
-    clear = first < MATCH_LIMITS.ratio**2 * squared.min(axis=1)
+    clear = first < ratio**2 * squared.min(axis=1)
     return np.where(clear, nearest, -1)
 
 

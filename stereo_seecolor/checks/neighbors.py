@@ -17,6 +17,7 @@ from calibration.field_checks.matches import (
     MatchLimits,
     describe_left,
     describe_right,
+    find_matches,
     match_described,
     similar_points,
 )
@@ -78,9 +79,10 @@ def agreeing_points(
 
 def images_overlap(rectification: Rectification, left: Image, right: Image) -> bool:
     """Tell whether enough points of the raw left image are found in the raw right one: a few
-    coarse features do, where there are enough.
+    coarse features do, where there are enough; else points whose rows agree among themselves,
+    which those of a wide rig that has moved do.
     """
-    return any(
+    found = any(
         agreeing_points(
             rectification,
             describe_left(rectification, left, limits),
@@ -90,6 +92,7 @@ def images_overlap(rectification: Rectification, left: Image, right: Image) -> b
         >= _LIMITS.points
         for limits in (QUICK, MATCH_LIMITS)
     )
+    return found or len(find_matches(rectification, left, right).left) >= _LIMITS.points
 
 
 def neighbor_that_fits(

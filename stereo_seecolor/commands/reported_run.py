@@ -21,7 +21,7 @@ from stereo_seecolor.dive.frames import PairSource
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.matching.diagnostics import NO_OVERLAP
+from stereo_seecolor.matching.diagnostics import NO_OVERLAP, ROWS_OFF
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.progress import Both
 from stereo_seecolor.records import FrameRow
@@ -173,7 +173,9 @@ def _summary(
         f"{path}: was changed after the program wrote it, and is kept here"
         for path in run.folder.owned.set_aside
     ]
-    failed = {name for name, error in run.table.failed.items() if NO_OVERLAP in error}
+    failed = {
+        name for name, error in run.table.failed.items() if NO_OVERLAP in error or ROWS_OFF in error
+    }
     misfits: tuple[str, ...] = ()
     if failed and description.rectification:
         from stereo_seecolor.checks.neighbors import misfit_notes

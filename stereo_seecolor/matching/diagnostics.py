@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import Rectification
+from calibration.field_checks.matches import find_matches
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import MatchingError
@@ -260,16 +262,21 @@ class PairCheckConstants:
     swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs
     reach 0.6 and more. swap_tries: so many pairs of a dive are matched the other way round, since
     that costs as much as matching itself.
+    least_points, rows_px: so many points in both images whose rows are off by more show one scene
+    with a rig that has moved; pairs of two scenes have 4 at most.
     """
 
     least_coverage: float = 0.05
     swap_coverage: float = 0.35
     swap_tries: int = 3
+    least_points: int = 40
+    rows_px: float = 1.5
 
 
 PAIR_CHECK_CONSTANTS = PairCheckConstants()
 NO_OVERLAP = "the two images do not show the same thing"
-"""In the message of a pair that fails for that, so that its neighbors can be tried."""
+ROWS_OFF = "their rows are off"
+"""In the messages of pairs that fail for that, so that their neighbors can be tried."""
 
 
 def coverage(range_map: RangeMap) -> float:
@@ -282,10 +289,16 @@ class PairCheck:
 
     match: the range map of a pair as the cameras gave it. The same function tells whether another
     pairing would fit: ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
+    rectification: of the rig, by which rows that are off are told from another scene.
     """
 
-    def __init__(self, match: Callable[[StereoFrame], RangeMap]) -> None:
+    def __init__(
+        self,
+        match: Callable[[StereoFrame], RangeMap],
+        rectification: Rectification | None = None,
+    ) -> None:
         self._match = match
+        self._rectification = rectification
         self._tries_left = PAIR_CHECK_CONSTANTS.swap_tries
         self._swapped_pair: str | None = None
         self._lock = Lock()
@@ -314,12 +327,31 @@ class PairCheck:
             unknown = _without_texture("both images show", matched)
             return RangeMap.unknown(range_map.range_m.shape, unknown)  # what matched may be noise
         self._check_swapped(name, matched, raw)
+        if too_little and (rows := self._rows_off(raw)):
+            raise MatchingError(f"{name}: only {matched:.1%} of the pixels match: {rows}")
         if too_little:
             raise MatchingError(
                 f"{name}: only {matched:.1%} of the pixels match: {NO_OVERLAP} (are they of one "
                 "pair?), or all of it lies outside matching.min_range_m to matching.max_range_m"
             )
         return range_map
+
+    def _rows_off(self, raw: Callable[[], StereoFrame]) -> str:
+        """That points are found in both images whose rows are off, and what to do; "" where not."""
+        if self._rectification is None:
+            return ""
+        frame = raw()
+        found = find_matches(self._rectification, frame.left, frame.right)
+        if len(found.left) < PAIR_CHECK_CONSTANTS.least_points:
+            return ""
+        rows_px = float(np.median(np.abs(found.right[:, 1] - found.left[:, 1])))
+        if rows_px < PAIR_CHECK_CONSTANTS.rows_px:
+            return ""
+        return (
+            f"{ROWS_OFF} by {rows_px:.1f} px (median of {len(found.left)} points that both images "
+            "show): a camera has moved since the calibration (run --refine mends that), or the "
+            "images are not of one moment"
+        )
 
     def _check_swapped(self, name: str, matched: float, raw: Callable[[], StereoFrame]) -> None:
         with self._lock:

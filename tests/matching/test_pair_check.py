@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration import Camera, Rectification, StereoRig
 from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.diagnostics import PAIR_CHECK_CONSTANTS, PairCheck, coverage
 from stereo_seecolor.matching.gray import textured_fraction
@@ -179,3 +180,22 @@ def test_real_water_is_told_from_real_bottoms(real_data: Path) -> None:
         frames["0010"][:180, 560:700],
     ):
         assert textured_fraction(water.copy()) < 0.1
+
+
+def test_rows_that_are_off_are_named_before_another_scene() -> None:
+    left = reef(0)
+    right = np.roll(left, (5, -9), axis=(0, 1))
+    check = PairCheck(lambda raw: matched(0.01), Rectification.from_rig(plain_rig(left)))
+    with pytest.raises(MatchingError, match=r"^a: only 1\.0% .* rows are off by 5\.\d px \(median"):
+        check("a", matched(0.01), lambda: StereoFrame("a", left, right))
+    with pytest.raises(MatchingError, match="the two images do not show the same thing"):
+        check("a", matched(0.01), lambda: StereoFrame("a", left, reef(1)))
+
+
+def plain_rig(image: np.ndarray) -> StereoRig:
+    """Two parallel cameras without distortion."""
+    height, width = image.shape[:2]
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float64)
+    T = np.eye(4)
+    T[0, 3] = -0.1
+    return StereoRig(*[Camera(K, np.zeros(5), (width, height))] * 2, T)
