@@ -5,6 +5,7 @@ receivers' logs.
 import json
 import os
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -379,8 +380,18 @@ def test_what_positions_are_rounded_to_is_known(
         ("$PSIMLBP,120000.00,1,P,F,C,1.0,2.0,5.0,0.4,0.2\n" * 3, "PSIMLBP"),
         (
             "$GPRMC,120000.00,A,1440.8,S,14527.0,E,0.5,0,010526,,,A\n"
-            "$PSONLLD,120000.00,B1,A,-14.6,145.4,5.0,1,1,45,1\n" * 3,
-            r"acoustic beacon \(PSONLLD\) and of the ship",
+            "$PSIMSSB,120000.00,B01,A,,C,H,M,1.0,2.0,5.0,0.4,N,,\n" * 3,
+            r"acoustic beacon \(PSIMSSB\) and of the ship",
+        ),
+        (
+            "$GPZDA,120000.00,,,,00,00\n$PSONLLD,120000.00,B1,A,-14.6,145.4,5.0,1,1,45,1\n" * 3,
+            "PSONLLD.*no ZDA or RMC in it gives one",
+        ),
+        (
+            "$GPZDA,120000.00,01,05,2026,00,00\n"
+            "$PSONLLD,120000.00,B1,A,-14.6,145.4,5.0,1,1,45,1\n"
+            "$PSONLLD,120001.00,B2,A,-14.6,145.4,5.0,1,1,45,1\n",
+            r"several beacons \(B1, B2\): keep the lines of the one",
         ),
         ("[Script Info]\nTitle: Cockpit\n\n[Events]\n", "subtitles whose 0 lines"),
         (
@@ -392,6 +403,53 @@ def test_what_positions_are_rounded_to_is_known(
 def test_logs_of_small_vehicles_are_named(text: str, what: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=what):
         read_trajectory(write(tmp_path, text, "log.txt"))
+
+
+def _checked(sentence: str) -> str:
+    total = 0
+    for byte in sentence.encode():
+        total ^= byte
+    return f"${sentence}*{total:02X}"
+
+
+@pytest.mark.parametrize("order", ["name,A", "A", "A,A"])
+@pytest.mark.parametrize("date", ["GPZDA,{},31,12,2026,00,00", "GPRMC,{},A,0,N,0,E,0,0,311226,,,A"])
+def test_a_beacon_of_sonardyne_over_midnight(order: str, date: str, tmp_path: Path) -> None:
+    """The ship, which is reported the same way, and fixes that are not valid, or whose checksum is
+    wrong, are passed over.
+    """
+    clocks = ("235958.50", "235959.50", "000000.50", "000001.50")
+    log = [_checked(date.format("235958.00"))]
+    for i, clock in enumerate(clocks):
+        state = order.replace("name", "2401")
+        log += [
+            _checked(
+                f"PSONLLD,{clock},{state},{-14.6 + i * 1e-5:.6f},145.45,{5 + i}.0,.1,.1,0,.1,,,,"
+            ),
+            _checked(f"PSONLLD,{clock},Ship 1,A,-14.9,145.0,0.000,0.08,0.08,0.00,0.01,,,,"),
+            _checked(f"PSONLLD,{clock},2401,V,-15.9,145.0,9.000,0.08,0.08,0.00,0.01,,,,"),
+            _checked(f"PSONLLD,{clock},2401,A,-15.9,145.0,9.000,0.08,0.08,0.00,0.01,,,,")[:-2]
+            + "00",
+        ]
+    trajectory = read_trajectory(write(tmp_path, "\n".join(log) + "\n", "usbl.log"))
+    assert trajectory.timestamps_s is not None
+    start = datetime(2026, 12, 31, 23, 59, 58, 500_000, tzinfo=UTC).timestamp()
+    np.testing.assert_allclose(trajectory.timestamps_s - start, range(4), atol=1e-3)
+    places = trajectory.T_world_camera[:, :2, 3]
+    steps_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    np.testing.assert_allclose(steps_m, 1.106, rtol=0.01)
+
+
+def test_the_depth_of_a_beacon_is_its_own(tmp_path: Path) -> None:
+    log = ["$GPZDA,120000.00,01,05,2026,00,00"]
+    for i in range(4):
+        log += [
+            f"$HEHDT,{90 + i}.0,T",
+            f"$PSONLLD,12000{i}.00,B1,A,-14.6,{145.4 + i * 1e-5:.5f},{5 + i}.5,1,1,45,1",
+        ]
+    path = write(tmp_path, "\n".join(log) + "\n", "usbl.log")
+    trajectory = read_trajectory(Path(f"{path}:heading=HDT,depth=PSONLLD"))
+    np.testing.assert_allclose(trajectory.T_world_camera[:, 2, 3], [-5.5, -6.5, -7.5, -8.5])
 
 
 @pytest.mark.parametrize("many", [1, 100])

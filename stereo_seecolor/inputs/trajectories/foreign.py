@@ -35,8 +35,8 @@ _TEXT = (
     ),
     (
         r"\$PSONLLD,",
-        "a log of a Sonardyne USBL (PSONLLD), whose times have no date: save it as CSV with "
-        "time, lat, lon, depth",
+        "a log of a Sonardyne USBL (PSONLLD), whose times have no date: log ZDA or RMC beside it, "
+        "or save it as CSV with time, lat, lon, depth",
     ),
     (
         r"\$PSIMLBP,",

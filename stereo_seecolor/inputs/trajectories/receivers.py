@@ -1,10 +1,12 @@
 """Positions that satellite and acoustic receivers log, as tables of fixes: NMEA 0183 (RMC, or GGA
-with ZDA), GPX, KML tracks.
+with ZDA), Sonardyne's beacons (PSONLLD with ZDA or RMC), GPX, KML tracks.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from bisect import bisect_right
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -26,8 +28,12 @@ SENTENCES = {
 _SENTENCE = re.compile(
     r"\$(\w{2}(RMC|GGA|GLL|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
-_BEACON = re.compile(r"\$(PSONLLD|PSIMSSB|PSIMLBP),")
-"""Sentences of USBL and LBL systems (Sonardyne, Kongsberg)."""
+_BEACON = re.compile(r"\$(PSIMSSB|PSIMLBP),")
+"""Sentences of USBL and LBL systems (Kongsberg) that are not read."""
+SONARDYNE = "PSONLLD"
+_SONARDYNE = re.compile(r"\$(PSONLLD,[^*$]*)(?:\*([0-9A-Fa-f]{2}))?")
+_SHIP = re.compile(r"ship|vessel|crp", re.IGNORECASE)
+"""Names that Sonardyne's systems give to the ship itself, which they report as they do beacons."""
 _POINT = r"(?:\w+:)?(?:trkpt|wpt|rtept)\b"
 _GPX = re.compile(
     rf"<(?:\w+:)?(trkpt|wpt|rtept)\b([^<>]*)>([^<]*(?:<(?!/?{_POINT})[^<]*)*)</(?:\w+:)?\1>"
@@ -39,10 +45,16 @@ _KML = re.compile(r"<when>([^<]+)</when>|<gx:coord>\s*([^\s<]+)\s+([^\s<]+)[^<]*
 
 
 def recognizes(lines: Lines) -> bool:
-    """Sentences of NMEA among the first lines, or points of GPX or a KML track with times."""
+    """Sentences of NMEA among the first lines, or beacons with a date anywhere, or points of GPX or
+    a KML track with times.
+    """
     begin = "\n".join(lines.all[:40])
     return (
         _SENTENCE.search(begin) is not None
+        or (
+            f"${SONARDYNE}," in begin
+            and any("ZDA," in line or "RMC," in line for line in lines.all)
+        )
         or "<gpx" in begin
         or ("<kml" in begin and any("<when>" in line for line in lines.all))
     )
@@ -71,7 +83,7 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
     Args:
         lines: Of the log.
         columns: Role -> sentence of NMEA whose value stands beside each position:
-            ``heading=HDT,depth=DPT``.
+            ``heading=HDT,depth=DPT``; ``depth=PSONLLD`` is a beacon's own.
 
     Returns:
         The table, and the map of its columns.
@@ -91,13 +103,15 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
             "which are not those of the camera: save the positions of the beacon as CSV with "
             "time, lat, lon, depth"
         )
+    elif f"${SONARDYNE}," in text:
+        rows = _beacon_rows(lines, names)
     else:
         rows = _nmea_rows(lines, names)
     known = [row for row in rows if row]
     if not known:
         raise InputError(
             f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA or GLL "
-            "with ZDA)"
+            "with ZDA; PSONLLD with ZDA or RMC)"
         )
     header = ",".join(["time", "lat", "lon", *names])
     made = replace(lines, all=(header,), content=((1, header), *enumerate(known, start=2)))
@@ -125,11 +139,7 @@ def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
     """Those of RMC, which has the date; of GGA where there is no RMC, with the date of the last
     ZDA. Each with the value of the sentence of each of the names that belongs to it.
     """
-    if unknown := [name for name in names if name not in SENTENCES]:
-        raise InputError(
-            f"{lines.path}: {unknown[0]} is not one of the supported sentences: "
-            f"{', '.join(SENTENCES)}"
-        )
+    _refuse_unknown(lines, names, SENTENCES)
     found = _sentences(lines, "RMC", "GGA", "GLL", "ZDA")
     names_found = {match[2] for _, match in found}
     has_rmc, has_gga = "RMC" in names_found, "GGA" in names_found
@@ -155,6 +165,102 @@ def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
     rows = [(number, row) for number, row in rows if row]
     beside = [_beside(lines, name, [number for number, _ in rows]) for name in names]
     return [",".join((row, *others)) for (_, row), *others in zip(rows, *beside, strict=True)]
+
+
+def _refuse_unknown(lines: Lines, names: Sequence[str], known: Collection[str]) -> None:
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(
+            f"{lines.path}: {unknown[0]} is not one of the supported sentences: {', '.join(known)}"
+        )
+
+
+def _beacon_rows(lines: Lines, names: Sequence[str]) -> list[str]:
+    """Those of the one beacon of a Sonardyne system, with the day of the last ZDA or RMC before
+    each, or of the first one.
+
+    Raises InputError for several beacons, and where no sentence has a date.
+    """
+    _refuse_unknown(lines, names, (*SENTENCES, SONARDYNE))
+    days = [
+        (number, day)
+        for number, match in _sentences(lines, "ZDA", "RMC")
+        if (day := _moment(match[2], match[1].split(",")))
+    ]
+    if not days:
+        raise InputError(
+            f"{lines.path}: is a log of a Sonardyne USBL (PSONLLD), whose times have no date, and "
+            "no ZDA or RMC in it gives one: log one of these beside it, or save it as CSV with "
+            "time, lat, lon, depth"
+        )
+    fixes = [
+        (number, fix)
+        for number, line in enumerate(lines.all)
+        for match in _SONARDYNE.finditer(line)
+        if _is_whole(match[1], match[2]) and (fix := _beacon_fix(match[1].split(",")))
+    ]
+    beacons = sorted({name for _, (name, *_) in fixes})
+    if len(beacons) > 1:
+        raise InputError(
+            f"{lines.path}: holds the places of several beacons ({', '.join(beacons)}): keep the "
+            "lines of the one on the camera's vehicle"
+        )
+    rows = []
+    beside = {
+        name: _beside(lines, name, [number for number, _ in fixes])
+        for name in names
+        if name != SONARDYNE
+    }
+    for i, (number, (_, clock, lat, lon, depth)) in enumerate(fixes):
+        before = max(bisect_right(days, number, key=lambda day: day[0]) - 1, 0)
+        moment = _at_clock(days[before][1], clock)
+        others = [depth if name == SONARDYNE else beside[name][i] for name in names]
+        rows.append(",".join((f"{moment:%Y-%m-%d %H:%M:%S.%f}", lat, lon, *others)))
+    return rows
+
+
+def _beacon_fix(fields: list[str]) -> tuple[str, str, str, str, str] | None:
+    """Name, time of day, latitude, longitude and depth of a PSONLLD that is valid and not of the
+    ship. The status stands before or after the name: it is the field that a place follows.
+    """
+    for at in (2, 3):
+        status, place = fields[at : at + 1], fields[at + 1 : at + 4]
+        if status not in (["A"], ["V"]) or len(place) < 3:
+            continue
+        if not all(re.fullmatch(r"[+-]?\d{1,6}(\.\d{1,12})?", number) for number in place):
+            continue
+        name = fields[2] if at == 3 else ""
+        is_place = abs(float(place[0])) <= 90 and abs(float(place[1])) <= 180
+        is_time = re.fullmatch(r"[0-2]\d[0-5]\d[0-5]\d(\.\d{1,9})?", fields[1])
+        if status == ["A"] and is_place and is_time and not _SHIP.search(name):
+            return name, fields[1], place[0], place[1], place[2]
+    return None
+
+
+def _moment(kind: str, fields: list[str]) -> datetime | None:
+    """The date and time of a ZDA or RMC; None where it has none."""
+    try:
+        if kind == "ZDA":
+            day = datetime(int(fields[4]), int(fields[3]), int(fields[2]))
+        else:
+            day = datetime(2000 + int(fields[9][4:6]), int(fields[9][2:4]), int(fields[9][:2]))
+        return _at_clock(day, fields[1], near=False)
+    except (ValueError, IndexError):
+        return None
+
+
+def _at_clock(moment: datetime, clock: str, near: bool = True) -> datetime:
+    """The time of day hhmmss.ss on the day of a moment; of the day before or after where that is
+    nearer to it.
+    """
+    midnight = moment.replace(hour=0, minute=0, second=0, microsecond=0)
+    seconds = int(clock[:2]) * 3600 + int(clock[2:4]) * 60 + float(clock[4:])
+    found = midnight + timedelta(seconds=seconds)
+    half = timedelta(hours=12)
+    if near and found - moment > half:
+        return found - 2 * half
+    if near and moment - found > half:
+        return found + 2 * half
+    return found
 
 
 def _sentences(lines: Lines, *names: str) -> list[tuple[int, re.Match[str]]]:
