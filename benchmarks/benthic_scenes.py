@@ -23,7 +23,12 @@ from stereo_seecolor.color.fitting import robust, scene_prior
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg
-from stereo_seecolor.extras.synthetic.waters import Kind, SpectralWater, draw_contents, draw_water
+from stereo_seecolor.extras.synthetic.measured_waters import (
+    Kind,
+    SpectralWater,
+    draw_contents,
+    draw_water,
+)
 from stereo_seecolor.files.srgb import encode_srgb
 
 SPLIT = (

@@ -18,7 +18,7 @@ from color_cases import make_truth
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
+from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.targets import Target, targets_of
 from stereo_seecolor.extras.evaluation.measures import clipped
 from stereo_seecolor.extras.synthetic.waters import lit_water

@@ -38,16 +38,16 @@ from skimage import data as photographs
 from stereo_seecolor.commands.fuse import RawImages
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.scores import score_target
-from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.targets import targets_of
+from stereo_seecolor.extras.evaluation.evaluate_run import evaluate_spread
 from stereo_seecolor.extras.evaluation.measures import (
     angle_deg,
     clipped,
     score_neutral,
     score_truth,
 )
-from stereo_seecolor.extras.evaluation.truth import evaluate_spread
 from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb, encode_srgb

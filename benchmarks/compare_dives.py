@@ -20,7 +20,8 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
-from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
+from stereo_seecolor.extras.synthetic.reef import Reef
+from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import write_tum

@@ -16,7 +16,7 @@ import numpy as np
 from color_cases import Case, make_range, make_truth
 from color_quality import METHODS_COMPARED, score, true_water
 
-from stereo_seecolor.extras.synthetic.waters import Kind, draw_contents, draw_water
+from stereo_seecolor.extras.synthetic.measured_waters import Kind, draw_contents, draw_water
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 KINDS: tuple[Kind, ...] = ("ocean", "coast", "harbor")

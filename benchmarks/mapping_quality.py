@@ -23,12 +23,12 @@ from scipy.spatial import cKDTree
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.extras.evaluation.measures import (
-    angle_deg,
+from stereo_seecolor.extras.evaluation.map_errors import (
     nearest_distance_m,
     surface_points,
     trajectory_error,
 )
+from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec

@@ -28,7 +28,7 @@ from compare import REPOSITORY, SAMPLE, machine
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
-from stereo_seecolor.extras.evaluation.measures import (
+from stereo_seecolor.extras.evaluation.map_errors import (
     nearest_distance_m,
     surface_points,
     trajectory_error,

@@ -25,7 +25,7 @@ from independent_waters import KINDS, seen
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg, clipped
-from stereo_seecolor.extras.synthetic.waters import Kind
+from stereo_seecolor.extras.synthetic.measured_waters import Kind
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_range_map
 

@@ -40,10 +40,11 @@ from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, grid_of, open_site, terrain_of
-from stereo_seecolor.extras.synthetic.demo import synthesize
-from stereo_seecolor.extras.synthetic.reef import CELL_M, Change, changed_reef
+from stereo_seecolor.extras.synthetic.reef import CELL_M
+from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
+from stereo_seecolor.extras.synthetic.synthesize import synthesize
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors

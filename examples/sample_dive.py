@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor import load_config, open_run, run
-from stereo_seecolor.extras.evaluation.truth import evaluate
+from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
 
 DIVE = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 

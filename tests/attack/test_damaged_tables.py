@@ -19,7 +19,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.view import report
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
-from stereo_seecolor.extras.evaluation.truth import evaluate_spread
+from stereo_seecolor.extras.evaluation.evaluate_run import evaluate_spread
 from stereo_seecolor.extras.evaluation.water import measure_water
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.merge import merge

@@ -15,7 +15,7 @@ from conftest import command
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import decoded_values
-from stereo_seecolor.extras.evaluation.truth import evaluate
+from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
 from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec

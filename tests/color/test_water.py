@@ -13,7 +13,7 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.truth import evaluate
+from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
 from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
 from stereo_seecolor.records import Water
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.extras.evaluation.measures import (
+from stereo_seecolor.extras.evaluation.map_errors import (
     nearest_distance_m,
     surface_points,
     trajectory_error,

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.extras.evaluation.measures import nearest_distance_m
+from stereo_seecolor.extras.evaluation.map_errors import nearest_distance_m
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files import raw_arrays
 from stereo_seecolor.files.ply import VERTEX

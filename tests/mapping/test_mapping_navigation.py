@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.extras.evaluation.measures import trajectory_error
+from stereo_seecolor.extras.evaluation.map_errors import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation import spot_check as spot_check_file

@@ -9,7 +9,7 @@ import pytest
 from mapping_scene import ReefFrames
 
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.extras.evaluation.measures import trajectory_error
+from stereo_seecolor.extras.evaluation.map_errors import trajectory_error
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex

@@ -24,7 +24,7 @@ from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
-from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
+from stereo_seecolor.extras.evaluation.charts.chart_types import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.search import patch_colors
 from stereo_seecolor.extras.evaluation.charts.targets import FoundChart, chart
 from stereo_seecolor.records import FrameRow

@@ -100,8 +100,8 @@ def evaluate(
     (--spread), errors on charts (--chart).
     """
     from stereo_seecolor.extras.evaluation.charts.scores import evaluate_charts
-    from stereo_seecolor.extras.evaluation.truth import evaluate as evaluate_run
-    from stereo_seecolor.extras.evaluation.truth import evaluate_spread
+    from stereo_seecolor.extras.evaluation.evaluate_run import evaluate as evaluate_run
+    from stereo_seecolor.extras.evaluation.evaluate_run import evaluate_spread
 
     if by_chart:
         if images is None or ranges is None:

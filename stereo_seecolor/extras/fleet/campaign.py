@@ -19,19 +19,17 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
-from stereo_seecolor.extras.fleet.campaign_files import (
-    COLLECTION,
-    RECORDS,
+from stereo_seecolor.extras.fleet.campaign_files import refuse_files_of_others
+from stereo_seecolor.extras.fleet.campaign_records import COLLECTION, RECORDS, write_records
+from stereo_seecolor.extras.fleet.campaign_states import (
     STATES,
     TABLE,
     DiveState,
     State,
     load_states,
-    refuse_files_of_others,
     save_states,
-    write_records,
 )
-from stereo_seecolor.extras.fleet.merge import SiteDive, fit_site
+from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
 from stereo_seecolor.files.text_documents import read_yaml
 from stereo_seecolor.run_folder.frames_csv import RunSummary
 

@@ -2,31 +2,23 @@
 frames.csv.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from calibration import CalibrationError
 from calibration.formats import load_rig, native
 from stereo_seecolor.checks.changes import LEFT_OUT
-from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.survey import Fitter
-from stereo_seecolor.commands.reported_run import KIND, folder_request, reported, stereo_run
+from stereo_seecolor.commands.reported_run import KIND, folder_request, reported
 from stereo_seecolor.commands.run import color, color_with
-from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, named_inputs
+from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
 from stereo_seecolor.compute.interface import Shard
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
     NO_LIGHT,
-    count_frames,
     fit_waters,
     measure_ranges,
 )
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.errors import InputError, SeeColorError
-from stereo_seecolor.extras.fleet.campaign_files import write_own
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
@@ -204,70 +196,3 @@ def _waters(parts: Sequence[Part]) -> Mapping[str, Water] | None:
             "the same --water"
         )
     return {name: water for found in waters.values() for name, water in (found or {}).items()}
-
-
-# One water for the dives of a site, fitted to the counts of colors over range of all their
-# frames.
-
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, eq=False)
-class SiteDive:
-    """A dive of a site. out: its output folder, which gets ranges and moment tables. water: the
-    file for its water.
-    """
-
-    inputs: StereoInputs
-    out: Path
-    config: RunConfig
-    water: Path
-
-
-def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
-    """Measure all pairs of all dives, fit one water to them, and write it for each dive, scaled to
-    each frame's exposure.
-
-    The fit uses the first dive's color settings. A dive that cannot be measured is named in the log
-    and left out.
-    Returns True if it was stopped. Raises ColorError where no frame of the site has a known range,
-    OutputError.
-    """
-    fitter = Corrector(dives[0].config.color.model_copy(update={"lock": "survey"})).survey_fitter()
-    names: dict[Path, list[str]] = {}
-    for dive in dives:
-        try:
-            with stereo_run(
-                dive.inputs, dive.out, dive.config, options, "range", ("ranges", "waters")
-            ) as run:
-                measure_ranges(run)
-                for name, table in count_frames(run, None):
-                    fitter.add(_key(dive.water, name), table)
-        except (SeeColorError, CalibrationError) as error:
-            log.warning("%s: takes no part in its site's water: %s", dive.out.name, error)
-            continue
-        if run.summary.stopped:
-            return True
-        names[dive.water] = [row.name for row in run.summary.rows if row.status != "unpaired"]
-    if names:
-        _write(fitter, names)
-    return False
-
-
-def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
-    """Write each dive's file. A frame that failed gets the water of another: it is used only if its
-    images are repaired.
-    """
-    waters = fitter.waters()
-    usual = next(iter(waters.values()))
-    for file, frames in names.items():
-        write_own(
-            file.parent.parent,
-            file,
-            waters_content({name: waters.get(_key(file, name), usual) for name in frames}),
-        )
-
-
-def _key(file: Path, name: str) -> str:
-    """A frame's name in the fit: dives may have frames of the same name."""
-    return f"{file.stem}/{name}"

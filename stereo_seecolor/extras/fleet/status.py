@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
-from stereo_seecolor.extras.fleet.campaign_files import load_states
+from stereo_seecolor.extras.fleet.campaign_states import load_states
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_csv import RunSummary, read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE

@@ -268,7 +268,7 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
     """Estimate clock offset and drift between two unsynchronized cameras from sound, a flash and
     image motion.
     """
-    from stereo_seecolor.extras.streams.videos.synchronization import sync as find
+    from stereo_seecolor.extras.streams.videos.sync import sync as find
 
     with report.working():
         found = find(left, right, calib or "")

@@ -40,8 +40,8 @@ def synthesize(
     report: Report,
 ) -> None:
     """Render a dive over a synthetic reef, with ground truth (docs/synthetic.md)."""
-    from stereo_seecolor.extras.synthetic.demo import synthesize as render
     from stereo_seecolor.extras.synthetic.dive import parse_spec
+    from stereo_seecolor.extras.synthetic.synthesize import synthesize as render
 
     with report.working() as listener:
         dive = render(

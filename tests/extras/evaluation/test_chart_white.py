@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.extras.evaluation.charts.camera_matrix import CameraMatrix, camera_matrix
+from stereo_seecolor.extras.evaluation.charts.chart_types import CHART_TYPES, CLASSIC, ChartType
 from stereo_seecolor.extras.evaluation.charts.chart_white import (
     ChartWhite,
     seen_whites,
     survey_white,
 )
-from stereo_seecolor.extras.evaluation.charts.reading import CHART_TYPES, CLASSIC, ChartType
 from stereo_seecolor.extras.evaluation.charts.targets import Target, chart
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Water

@@ -8,15 +8,15 @@ import pytest
 
 from stereo_seecolor.cli.output import table
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.baselines import OURS, OtherResults
-from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
+from stereo_seecolor.extras.evaluation.baselines import OURS
+from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
+from stereo_seecolor.extras.evaluation.charts.chart_types import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.scores import (
     ChartReport,
     correct_by_all,
     evaluate_charts,
     score_target,
 )
-from stereo_seecolor.extras.evaluation.charts.search import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.targets import (
     chart,
     find_charts,
@@ -24,6 +24,7 @@ from stereo_seecolor.extras.evaluation.charts.targets import (
     read_targets,
     targets_of,
 )
+from stereo_seecolor.extras.evaluation.other_results import OtherResults
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 CELL, GAP = 44, 8

@@ -15,7 +15,8 @@ from calibration.formats import load_rig, native
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate, evaluate_truth
+from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
+from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth
 
 SAMPLES = Path(__file__).parents[3] / "data_samples" / "reef"
 TRUTH = SAMPLES / "truth"

@@ -11,8 +11,8 @@ import pytest
 from test_chart_white import some_water
 from test_evaluation_chart_finder import placed, rubble, under_water
 
+from stereo_seecolor.extras.evaluation.charts.chart_types import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.chart_white import SeenWhite, believed
-from stereo_seecolor.extras.evaluation.charts.reading import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.targets import targets_of
 from stereo_seecolor.extras.evaluation.charts.white_cards import white_cards
 

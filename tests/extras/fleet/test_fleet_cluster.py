@@ -19,10 +19,10 @@ from distributed.utils import LoopRunner, sync
 from stereo_seecolor.errors import ClusterError, OutputError
 from stereo_seecolor.extras.fleet.cluster import connect, dask_compute, ticket, worker
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
+from stereo_seecolor.extras.fleet.cluster.batches import SETTINGS, Batches
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
 from stereo_seecolor.extras.fleet.cluster.ticket import Probe, Ticket, admit
-from stereo_seecolor.extras.fleet.cluster.worker import SETTINGS, Batches
 
 
 def test_batches_take_about_a_minute_and_leave_some_for_all_workers() -> None:

@@ -10,7 +10,7 @@ import pytest
 from mapping_scene import PAIR, flat_frames, write_map, write_run
 
 from stereo_seecolor.extras.export import stac
-from stereo_seecolor.extras.fleet.campaign_files import write_records
+from stereo_seecolor.extras.fleet.campaign_records import write_records
 
 
 @pytest.mark.slow

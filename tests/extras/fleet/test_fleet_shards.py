@@ -17,7 +17,7 @@ from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.fleet.campaign_files import DiveState, save_states
+from stereo_seecolor.extras.fleet.campaign_states import DiveState, save_states
 from stereo_seecolor.extras.fleet.cli import status_text
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan

@@ -37,7 +37,8 @@ from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distanc
 from stereo_seecolor.extras.reef.comparing.registration import Registration, similarity_fit
 from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, open_site
-from stereo_seecolor.extras.synthetic.reef import Change, Reef, changed_reef
+from stereo_seecolor.extras.synthetic.reef import Reef
+from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transformed

@@ -17,9 +17,11 @@ from stereo_seecolor.extras.streams.videos import choice as choice_of_frames
 from stereo_seecolor.extras.streams.videos import synchronization
 from stereo_seecolor.extras.streams.videos.choice import choose_frames
 from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
-from stereo_seecolor.extras.streams.videos.motion import VideoSignals, row_lag, video_signals
+from stereo_seecolor.extras.streams.videos.motion import VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.pairs import Videos
-from stereo_seecolor.extras.streams.videos.synchronization import paired, sync
+from stereo_seecolor.extras.streams.videos.row_lag import row_lag
+from stereo_seecolor.extras.streams.videos.sync import sync
+from stereo_seecolor.extras.streams.videos.synchronization import paired
 
 KNOWN_SIGNALS: dict[str, VideoSignals] = {}
 

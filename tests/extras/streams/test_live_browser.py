@@ -12,7 +12,7 @@ from test_page_browser import browser, new_context  # noqa: F401  (fixtures)
 
 from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig, RunConfig
-from stereo_seecolor.extras.streams.live.cameras import FolderWatch
+from stereo_seecolor.extras.streams.live.folder_watch import FolderWatch
 from stereo_seecolor.extras.streams.live.preview import Preview, served
 from stereo_seecolor.extras.streams.live.processing import LiveProcessor
 from stereo_seecolor.extras.streams.live.session import LiveCounts

@@ -17,7 +17,8 @@ from stereo_seecolor.extras.synthetic.casting import cast
 from stereo_seecolor.extras.synthetic.dive import parse_spec, synthesize
 from stereo_seecolor.extras.synthetic.life import CHART
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef
-from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene, sunlight
+from stereo_seecolor.extras.synthetic.reef_light import sunlight
+from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec, track
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.name_times import timestamp_from_name

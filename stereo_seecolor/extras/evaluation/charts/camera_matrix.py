@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.evaluation.charts.reading import ChartType
+from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
 from stereo_seecolor.extras.evaluation.measures import ciede2000, lab_from_linear
 from stereo_seecolor.files.srgb import decode_srgb
 

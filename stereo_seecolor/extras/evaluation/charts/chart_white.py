@@ -18,8 +18,8 @@ from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.color.white_point import with_white
 from stereo_seecolor.extras.evaluation.charts.camera_matrix import SETTINGS as MATRIX
 from stereo_seecolor.extras.evaluation.charts.camera_matrix import SeenPatches
-from stereo_seecolor.extras.evaluation.charts.reading import ChartType
-from stereo_seecolor.extras.evaluation.charts.search import MOST_CLIPPED
+from stereo_seecolor.extras.evaluation.charts.chart_spread import MOST_CLIPPED
+from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
 from stereo_seecolor.extras.evaluation.charts.targets import Target
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Image, Map, Water

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.evaluation.charts.reading import ChartType
+from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
 
 Floats = NDArray[np.float32]
 

@@ -14,8 +14,8 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.baselines import METHODS, OURS, PAPER, OtherResults
-from stereo_seecolor.extras.evaluation.charts.search import (
+from stereo_seecolor.extras.evaluation.baselines import METHODS, OURS, PAPER
+from stereo_seecolor.extras.evaluation.charts.chart_spread import (
     SeenChart,
     SpreadRow,
     seen_chart,
@@ -29,6 +29,7 @@ from stereo_seecolor.extras.evaluation.measures import (
     lab_from_linear,
     score_neutral,
 )
+from stereo_seecolor.extras.evaluation.other_results import OtherResults
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb

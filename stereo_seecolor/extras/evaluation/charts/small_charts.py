@@ -17,13 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType, FoundChart
 from stereo_seecolor.extras.evaluation.charts.places import ChartPlace, chart_places
-from stereo_seecolor.extras.evaluation.charts.reading import (
-    ChartType,
-    FoundChart,
-    correlations,
-    sampled,
-)
+from stereo_seecolor.extras.evaluation.charts.sampling import correlations, sampled
 
 Floats = NDArray[np.float32]
 Affine = NDArray[np.float64]

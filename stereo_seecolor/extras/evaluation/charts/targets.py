@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.charts.flat_patches import flat_patches, lattices
-from stereo_seecolor.extras.evaluation.charts.reading import (
+from stereo_seecolor.extras.evaluation.charts.chart_types import (
     CHART_TYPES,
     CLASSIC,
     DKK,
     SPYDER,
     ChartType,
     FoundChart,
-    read_lattice,
 )
+from stereo_seecolor.extras.evaluation.charts.flat_patches import flat_patches
+from stereo_seecolor.extras.evaluation.charts.lattices import lattices
+from stereo_seecolor.extras.evaluation.charts.reading import read_lattice
 from stereo_seecolor.extras.evaluation.charts.small_charts import small_charts
 from stereo_seecolor.extras.evaluation.charts.white_cards import inner, white_cards
 from stereo_seecolor.extras.evaluation.measures import CLIPPED

@@ -25,7 +25,7 @@ from stereo_seecolor.extras.fleet.cluster.local_workers import (
     Orders,
     starter,
 )
-from stereo_seecolor.extras.fleet.cluster.ticket import (
+from stereo_seecolor.extras.fleet.cluster.run_keys import (
     WITHOUT_PAGES,
     in_files,
     run_keys,
@@ -33,8 +33,8 @@ from stereo_seecolor.extras.fleet.cluster.ticket import (
 )
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
+    from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
 
 log = logging.getLogger(__name__)
 
@@ -214,7 +214,7 @@ def _running(address: str) -> Iterator[OpenedCluster]:
 @contextmanager
 def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
     """Jobs of a batch system, each with a worker."""
-    from stereo_seecolor.extras.fleet.cluster.batch_jobs import JobFile
+    from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
 
     content = JobFile.read(file)
     try:

@@ -21,16 +21,9 @@ from distributed.scheduler import KilledWorker
 
 from stereo_seecolor.compute.interface import Item, Result, Usage
 from stereo_seecolor.errors import ClusterError, OutputError
+from stereo_seecolor.extras.fleet.cluster.batches import Batches, named
 from stereo_seecolor.extras.fleet.cluster.ticket import Probe, Ticket
-from stereo_seecolor.extras.fleet.cluster.worker import (
-    Batches,
-    Done,
-    Parcel,
-    SharedFile,
-    do_batch,
-    do_tiles,
-    named,
-)
+from stereo_seecolor.extras.fleet.cluster.worker import Done, Parcel, SharedFile, do_batch, do_tiles
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX
 
 AHEAD = 2

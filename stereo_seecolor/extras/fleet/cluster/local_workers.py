@@ -28,7 +28,7 @@ from typing import Any, BinaryIO, NoReturn
 from calibration.bounded_text import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.extras.fleet.cluster.ticket import NO_PAGES, of_worker
+from stereo_seecolor.extras.fleet.cluster.run_keys import NO_PAGES, of_worker
 
 # Settings of Dask for client, scheduler and the workers of this machine.
 

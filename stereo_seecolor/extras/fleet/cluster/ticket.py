@@ -2,13 +2,9 @@
 that it can do the work.
 """
 
-import faulthandler
-import logging
 import os
 import platform
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -18,6 +14,7 @@ from typing import Any
 from stereo_seecolor.compute.process import tune_gc, tune_malloc
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.extras.fleet.cluster.worker_log import log_below
 from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "distributed")
@@ -124,97 +121,3 @@ def _one_core() -> None:
     if torch is not None:
         torch.set_num_threads(1)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-
-# Keys made for one run: scheduler, workers and client of a cluster that this program starts know
-# each other by them.
-#
-# Without, whoever reaches a port of Dask's, as every user of the machine does, sends it pickled
-# code, which it runs.
-
-NO_PAGES: dict[str, Any] = {
-    "distributed.scheduler.http.routes": [],
-    "distributed.worker.http.routes": [],
-}
-WITHOUT_PAGES: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-"""Settings and arguments of a scheduler: Dask's web pages have no keys, and none is served."""
-
-
-def run_keys(name: str) -> Any:
-    """Dask's ``Security`` with a key and a certificate, in memory alone. Raises ClusterError where
-    no library makes them.
-    """
-    from distributed.security import Security
-
-    try:
-        return Security.temporary()  # type: ignore[no-untyped-call]
-    except ImportError as error:
-        raise ClusterError(
-            f"--cluster {name}: needs cryptography: pip install 'stereo-seecolor[cluster]'"
-        ) from error
-
-
-def workers_part(keys: Any) -> dict[str, str]:
-    """What a worker needs of them, to be sent on a private way."""
-    part = keys.get_tls_config_for_role("worker")
-    return {name: part[name] for name in ("ca_file", "key", "cert")}
-
-
-def of_worker(part: dict[str, str]) -> Any:
-    """A worker's ``Security``."""
-    return _security(("worker",), part)
-
-
-def in_files(keys: Any, folder: Path) -> Any:
-    """The same keys in files of ``folder``, which is this user's alone: jobs on other machines read
-    them. Raises OSError.
-    """
-    part = {}
-    for name, content in workers_part(keys).items():
-        part[name] = str(folder / f"{name}.pem")
-        with os.fdopen(
-            os.open(part[name], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w"
-        ) as file:
-            file.write(content)
-    return _security(("client", "scheduler", "worker"), part)
-
-
-def _security(roles: Sequence[str], part: dict[str, str]) -> Any:
-    from distributed.security import Security
-
-    own = {f"tls_{role}_{name}": part[name] for role in roles for name in ("key", "cert")}
-    return Security(require_encryption=True, tls_ca_file=part["ca_file"], **own)  # type: ignore[no-untyped-call]
-
-
-# The log of a worker: a file for each process, in the folder that it works on.
-
-FOLDER = "logs"
-FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-
-log = logging.getLogger("stereo_seecolor")
-
-
-def log_below(folder: Path) -> None:
-    """Write this process's log to ``folder``/logs/HOST-PROCESS.log from now on, with the traceback
-    of a crash.
-
-    Writes none where the file cannot be written: the work itself will fail with the reason.
-    """
-    for handler in [handler for handler in log.handlers if isinstance(handler, WorkerLog)]:
-        faulthandler.disable()
-        log.removeHandler(handler)
-        handler.close()
-    with suppress(OSError):
-        (folder / FOLDER).mkdir(exist_ok=True)
-        handler = WorkerLog(
-            folder / FOLDER / f"{platform.node()}-{os.getpid()}.log", encoding="utf-8"
-        )
-        handler.setFormatter(logging.Formatter(FORM))
-        log.addHandler(handler)
-        log.setLevel(logging.INFO)
-        faulthandler.enable(handler.stream.fileno() if handler.stream else 2)
-        log.info("worker begins: process %d on %s", os.getpid(), platform.node())
-
-
-class WorkerLog(logging.FileHandler):
-    """The log file of a worker."""

@@ -7,98 +7,17 @@ import pickle
 import platform
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Self
 
 from stereo_seecolor.compute.process import core_seconds, peak_bytes
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError
+from stereo_seecolor.extras.fleet.cluster.batches import named
 from stereo_seecolor.extras.fleet.cluster.ticket import Ticket, admit
-
-# Cuts items into batches: large enough to take about a minute, and small enough that all workers
-# have some.
-
-Item = TypeVar("Item")
-
-
-@dataclass(frozen=True)
-class BatchSettings:
-    """Settings of the size of a batch."""
-
-    target_s: float = 60.0
-    """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more
-    than this.
-    """
-    least_s: float = 5.0
-    """Seconds of work a batch at least, while all workers have some: of shorter ones the scheduler
-    cannot send enough to 200.
-    """
-    rounds: int = 4
-    """Batches a worker at least, where there are enough items, so that none idles long at the
-    end.
-    """
-    tail_s: float = 0.5
-    """Seconds of work of the last batches of a pass: shorter ones save no noticeable time, and each
-    costs 10 ms.
-    """
-    most: int = 1000
-    """Items a batch: their results are in memory together."""
-
-
-SETTINGS = BatchSettings()
-
-
-class Batches(Generic[Item]):
-    """Items cut into batches as they are needed. Results do not depend on the cuts, so that these
-    follow the measured time.
-    """
-
-    def __init__(self, items: Iterable[Item], most: int | None = None) -> None:
-        """most: items of a batch at most."""
-        self._most = most or SETTINGS.most
-        self._items: Iterator[Item] = iter(items)
-        self._left = self._all = len(items) if isinstance(items, Sized) else None
-        self._seconds, self._done = 0.0, 0
-
-    def learn(self, seconds: float, items: int) -> None:
-        """Note that ``items`` items took ``seconds``."""
-        self._seconds += seconds
-        self._done += items
-
-    def next(self, workers: int) -> list[Item]:
-        """The next batch, empty at the end; of one item until the time of an item is known."""
-        batch = list(islice(self._items, self._size(workers)))
-        if self._left is not None:
-            self._left -= len(batch)
-        return batch
-
-    def _size(self, workers: int) -> int:
-        if not self._done:
-            return 1
-        a_second, each = self._done / max(self._seconds, 1e-9), max(workers, 1)
-        size = SETTINGS.target_s * a_second
-        if self._left is not None and self._all is not None:
-            least = min(SETTINGS.least_s * a_second, self._left / each)
-            tail = min(SETTINGS.tail_s * a_second, self._all / (SETTINGS.rounds * each))
-            size = min(size, max(self._left / (SETTINGS.rounds * each), least, tail))
-        return max(1, min(int(size), self._most))
-
-
-def named(batch: Sequence[Any]) -> str:
-    """A name for a batch in messages: of its first and last pair, if it holds pairs or groups of
-    pairs.
-    """
-    ends = [
-        item[end] if isinstance(item, list) else item
-        for item, end in ((batch[0], 0), (batch[-1], -1))
-    ]
-    names = list(dict.fromkeys(str(item.name) for item in ends if hasattr(item, "name")))
-    return f"the batch of {' to '.join(names)}" if names else "a batch"
-
 
 WORKS_KEPT = 4
 """Unpickled works, with tables such as those of rectification, that a worker keeps: for a few dives

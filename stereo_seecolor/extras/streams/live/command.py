@@ -16,6 +16,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.extras.streams import ros_messages as ros
 from stereo_seecolor.extras.streams.bag_inputs import BagInputs
+from stereo_seecolor.extras.streams.live.played_bag import PlayedBag
 from stereo_seecolor.extras.streams.live.preview import HOST, Preview, served
 from stereo_seecolor.extras.streams.live.processing import Budget, LiveFrame, LiveProcessor, warm_up
 from stereo_seecolor.extras.streams.live.ros2 import Node
@@ -25,7 +26,7 @@ from stereo_seecolor.extras.streams.live.session import (
     LiveSource,
     first_size,
 )
-from stereo_seecolor.extras.streams.live.sources import PlayedBag, live_source
+from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.extras.streams.recording import (
     TOPICS,
     McapRecording,

@@ -10,12 +10,8 @@ from calibration import StereoRig
 from calibration.errors import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.extras.streams.videos.lags import LIMITS, Lag
-from stereo_seecolor.extras.streams.videos.motion import (
-    NoEvidence,
-    Pairs,
-    VideoSignals,
-    video_signals,
-)
+from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
+from stereo_seecolor.extras.streams.videos.row_lag import Pairs
 from stereo_seecolor.extras.streams.videos.synchronization import VideoSync, paired, synchronize
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
 
