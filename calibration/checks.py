@@ -1,5 +1,5 @@
-"""Checks of a calibration against images of a dive: whether rows agree, and what would explain it
-where they do not.
+"""Checks of a calibration on images of a dive: whether rows agree, and the causes if they do
+not.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,7 @@
-"""The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code
-with their real imports.
+"""The drawings of the documentation as SVG: the flow of a run, the axes, and the packages of the
+code with their real imports.
 
-python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of
+python docs/drawings.py writes docs/images/{flow,axes,packages}.svg and the table of
 docs/lab/architecture.md.
 """
 
@@ -163,96 +163,100 @@ def draw_axes() -> None:
     drawing.write(HERE / "images" / "axes.svg")
 
 
-def draw_rooms() -> list[str]:
-    """The rooms in their layers with the imports between them; returns the rooms."""
-    layers = layers_of_rooms()
-    rooms = [room for layer in layers for room in layer]
-    imports = room_imports(rooms)
-    drawing = Drawing(1000, 40 + 84 * len(layers), "The rooms of the code and their imports")
+def draw_packages() -> list[str]:
+    """The packages in their layers with the imports between them; returns the packages."""
+    layers = layers_of_packages()
+    packages = [package for layer in layers for package in layer]
+    imports = package_imports(packages)
+    drawing = Drawing(1000, 40 + 84 * len(layers), "The packages of the code and their imports")
     at: dict[str, tuple[float, float]] = {}
     for row, layer in enumerate(layers):
         width = min(150, 960 / len(layer) - 10)
         start = 500 - (width + 10) * len(layer) / 2
-        for i, room in enumerate(layer):
-            at[room] = (start + i * (width + 10) + width / 2, 20 + row * 84)
-    for room in rooms:
-        for other in direct_imports(room, imports):
-            drawing.curve((at[room][0], at[room][1] + 40), at[other])
+        for i, package in enumerate(layer):
+            at[package] = (start + i * (width + 10) + width / 2, 20 + row * 84)
+    for package in packages:
+        for other in direct_imports(package, imports):
+            drawing.curve((at[package][0], at[package][1] + 40), at[other])
     for layer in layers:
         width = min(150, 960 / len(layer) - 10)
-        for room in layer:
+        for package in layer:
             drawing.box(
-                at[room][0] - width / 2,
-                at[room][1],
+                at[package][0] - width / 2,
+                at[package][1],
                 width,
                 40,
-                [room.removeprefix("stereo_seecolor.")],
+                [package.removeprefix("stereo_seecolor.")],
             )
-    drawing.write(HERE / "images" / "rooms.svg")
-    return rooms
+    drawing.write(HERE / "images" / "packages.svg")
+    return packages
 
 
-def direct_imports(room: str, imports: dict[str, list[str]]) -> list[str]:
-    """The rooms that a room imports and that no other of them imports too, directly or by
+def direct_imports(package: str, imports: dict[str, list[str]]) -> list[str]:
+    """The packages that a package imports and that no other of them imports too, directly or by
     others.
     """
-    chosen = [other for other in imports[room] if other not in GROUND]
+    chosen = [other for other in imports[package] if other not in GROUND]
     return [
         other for other in chosen if not any(other in reached(third, imports) for third in chosen)
     ]
 
 
-def reached(room: str, imports: dict[str, list[str]]) -> set[str]:
-    """All that a room imports, directly or by others."""
-    return set(imports[room]).union(*(reached(other, imports) for other in imports[room]))
+def reached(package: str, imports: dict[str, list[str]]) -> set[str]:
+    """All that a package imports, directly or by others."""
+    return set(imports[package]).union(*(reached(other, imports) for other in imports[package]))
 
 
-def layers_of_rooms() -> list[list[str]]:
+def layers_of_packages() -> list[list[str]]:
     """The layers of import-linter's contract, from the top down."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contract = next(
         c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers"
     )
     return [
-        [room.strip(" ()") for room in re.split(r"[|:]", layer)] for layer in contract["layers"]
+        [package.strip(" ()") for package in re.split(r"[|:]", layer)]
+        for layer in contract["layers"]
     ]
 
 
-def room_imports(rooms: list[str]) -> dict[str, list[str]]:
+def package_imports(packages: list[str]) -> dict[str, list[str]]:
     graph = grimp.build_graph("stereo_seecolor", "calibration", cache_dir=None)
-    found: dict[str, set[str]] = {room: set() for room in rooms}
+    found: dict[str, set[str]] = {package: set() for package in packages}
     for module in graph.modules:
         for other in graph.find_modules_directly_imported_by(module):
-            source, target = room_of(module, rooms), room_of(other, rooms)
+            source, target = package_of(module, packages), package_of(other, packages)
             if source and target and source != target:
                 found[source].add(target)
-    below = {room: number for number, layer in enumerate(layers_of_rooms()) for room in layer}
+    below = {
+        package: number for number, layer in enumerate(layers_of_packages()) for package in layer
+    }
     return {
-        room: sorted(other for other in found[room] if below[room] < below[other]) for room in rooms
+        package: sorted(other for other in found[package] if below[package] < below[other])
+        for package in packages
     }
 
 
-def room_of(module: str, rooms: list[str]) -> str:
+def package_of(module: str, packages: list[str]) -> str:
     return max(
-        (room for room in rooms if module == room or module.startswith(f"{room}.")),
+        (package for package in packages if module == package or module.startswith(f"{package}.")),
         key=len,
         default="",
     )
 
 
-def table_of_rooms(rooms: list[str]) -> str:
-    """Packages and what they hold."""
-    lines = ["| room | what it holds |", "| --- | --- |"]
-    for room in rooms:
-        place = ROOT / room.replace(".", "/")
+def table_of_packages(packages: list[str]) -> str:
+    """Packages and their content."""
+    lines = ["| package | content |", "| --- | --- |"]
+    for package in packages:
+        place = ROOT / package.replace(".", "/")
         if not place.is_dir():
             continue
-        lines.append(f"| `{room.removeprefix('stereo_seecolor.')}` | {first_line(place)} |")
+        lines.append(f"| `{package.removeprefix('stereo_seecolor.')}` | {first_line(place)} |")
     return "\n".join(lines)
 
 
 def first_line(place: Path) -> str:
-    """The first sentence of a room's docstring."""
+    """The first sentence of the docstring of a package."""
     text = (place / "__init__.py").read_text(encoding="utf-8")
     words = (ast.get_docstring(ast.parse(text)) or "").split("\n\n")[0]
     return " ".join(words.split()).replace("|", "/")
@@ -269,4 +273,4 @@ def write_table(name: str, table: str) -> None:
 if __name__ == "__main__":
     draw_flow()
     draw_axes()
-    write_table("rooms", table_of_rooms(draw_rooms()))
+    write_table("packages", table_of_packages(draw_packages()))

@@ -1,4 +1,6 @@
-"""Places on Earth (WGS 84): degrees to meters about an origin and back, geocentric coordinates."""
+"""Positions on Earth (WGS 84): degrees to meters about an origin and back, geocentric
+coordinates.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

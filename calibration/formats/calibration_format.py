@@ -1,4 +1,5 @@
-"""What a calibration format is: it recognizes its files by their content and makes a rig of them.
+"""The records that describe a calibration format: it recognizes its files by their content and
+makes a rig from them.
 
 Packages add formats by entry points of the group ``calibration.formats``; this package's own of few
 users (``calibration/extras``) are added in the same way. See docs/extending.md.

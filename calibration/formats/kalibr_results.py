@@ -1,5 +1,5 @@
-"""Kalibr's ``NAME-results-cam.txt`` beside its camchain: the standard errors that the camchain does
-not hold.
+"""Kalibr's ``NAME-results-cam.txt`` next to its camchain: the standard errors that the camchain
+does not contain.
 """
 
 import re

@@ -1,4 +1,6 @@
-"""The native ``cam.yaml``: one file a rig, versioned, meters, nothing implied."""
+"""The native ``cam.yaml``: one file for a rig, versioned, in meters, with all conventions
+stated.
+"""
 
 from dataclasses import asdict
 from pathlib import Path

@@ -1,5 +1,5 @@
-"""Pairs of a dive that are not of one rigid rig: where it changes, pairs of another rig, and images
-that move from frame to frame.
+"""Pairs of a dive that do not fit one rigid rig: changes of the rig, pairs of another rig, and
+images that move from frame to frame.
 """
 
 from collections.abc import Callable, Mapping, Sequence

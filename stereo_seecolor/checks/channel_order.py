@@ -1,4 +1,4 @@
-"""Left images of which red and blue are exchanged from one on."""
+"""A check for left images whose red and blue are exchanged from one image on."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""What the water fitted to a dive says of its inputs: channels exchanged, and ranges that are not
+"""Checks of the inputs of a dive from its fitted water: exchanged channels, and ranges that are not
 in meters. Water sets bounds that no unit changes.
 """
 

@@ -1,5 +1,5 @@
-"""The image files of a dive, as far as their form tells: pages, palettes, compression, parts of a
-picture. Images that cannot be read are left out: the run names them.
+"""Checks of the form of image files: pages, palettes, compression, cropped images. Images that
+cannot be read are left out: the run names them.
 """
 
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""The calibration against pairs spread over a dive, before a run; and its limits of range."""
+"""Checks of the calibration and of the range limits on pairs spread over a dive, before a run."""
 
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""What checks look at: the images of a dive, and pairs spread over it."""
+"""The sample that checks use: the images of a dive, and pairs spread over it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress

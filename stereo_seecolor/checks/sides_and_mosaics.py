@@ -1,6 +1,4 @@
-"""Sides of which one holds no color, and files whose mosaic of colors was read one column or
-row off.
-"""
+"""Checks for gray left images, and for Bayer mosaics that were read one column or row off."""
 
 from contextlib import suppress
 from pathlib import Path

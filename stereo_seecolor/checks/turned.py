@@ -1,5 +1,5 @@
-"""Images that EXIF turns otherwise than the others of their side: a camera that looks straight down
-guesses which way is up, and readers turn its images by that tag.
+"""A check for images whose EXIF orientation differs from the others of their side: a camera that
+looks straight down guesses which way is up, and readers turn its images by that tag.
 """
 
 from collections import Counter

@@ -1,4 +1,4 @@
-"""What checks of a dive find, and checks as one list."""
+"""The results of checks of a dive, and checks as one list."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

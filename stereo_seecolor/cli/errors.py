@@ -1,4 +1,4 @@
-"""How the program ends: exit codes, and known errors as one line on standard error.
+"""Exit codes, and known errors as one line on standard error.
 
 Exit codes: 0 all done; 1 a known error; 2 wrong usage; 3 finished, but with named failures; 130
 interrupted.

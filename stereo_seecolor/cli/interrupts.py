@@ -1,4 +1,4 @@
-"""Ctrl-C, and what else asks a program to end: SIGTERM (a batch system's time is up) and SIGHUP (a
+"""Signals that ask a program to end: Ctrl-C, SIGTERM (time limit of a batch system) and SIGHUP (a
 terminal was closed).
 
 The first lets a command finish the pairs under way and give OUT back. A second Ctrl-C ends it at

@@ -1,5 +1,5 @@
-"""Text for standard output and standard error: lines and tables, on any terminal, without what C
-libraries say.
+"""Text for standard output and standard error: lines and tables, on any terminal, without the
+messages of C libraries.
 """
 
 import contextlib

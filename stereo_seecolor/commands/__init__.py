@@ -1,1 +1,1 @@
-"""What each command does, as plain functions."""
+"""The work of each command, as plain functions."""

@@ -1,5 +1,5 @@
-"""``doctor``: the libraries and hardware of this machine; for what is missing, its consequence and
-the command to install it.
+"""``doctor``: the libraries and hardware of this machine; for each missing library, the functions
+that need it and the command to install it.
 """
 
 import importlib

@@ -1,5 +1,5 @@
-"""Sample pairs of a dive, measured: whether they show one scene, distance of the bottom, light,
-disk space and time of a run.
+"""Measurements of sample pairs of a dive: whether they show one scene, distance of the bottom,
+light, disk space and time of a run.
 """
 
 import time

@@ -1,5 +1,5 @@
-"""START HERE: ``run`` takes the stereo pairs of a dive to range maps, true-color frames, clouds and
-tables.
+"""START HERE: ``run`` computes range maps, true-color frames, clouds and tables from the stereo
+pairs of a dive.
 
 ``pipeline.py`` takes one pair through the same steps in memory; ``fuse.py`` makes the map.
 """

@@ -1,4 +1,4 @@
-"""Machine code for ``run``: compiled before the first run on a machine; in later runs loaded.
+"""Machine code for ``run``: compiled before the first run on a machine, and loaded in later runs.
 
 One process compiles: each more would import the compiler and compile numba's own functions again,
 which takes it a quarter as long as all kernels.

@@ -1,5 +1,5 @@
 """The stages of a frame on a GPU, in torch: the same numbers as the compiled loops give. torch is
-loaded where a GPU is chosen.
+loaded only if a GPU is selected.
 """
 
 from functools import cache, partial

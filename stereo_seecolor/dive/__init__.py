@@ -1,3 +1,3 @@
-"""All pairs of a dive: the passes over them (``passes``), and what each pass does with one frame
+"""All pairs of a dive: the passes over them (``passes``), and the work of each pass on one frame
 (``frames``).
 """

@@ -1,5 +1,4 @@
-"""What each pass over a dive does with one frame: measure its range, count its colors over range,
-correct it.
+"""The work of each pass on one frame: measure its range, count its colors over range, correct it.
 
 Each is done once: an earlier run's result is found in OUT, or it is made now and written.
 """

@@ -1,4 +1,4 @@
-"""How a command does its work: workers, folders, listeners."""
+"""Options of a command that do not change its results: workers, folders, listeners."""
 
 import logging
 from collections.abc import Callable

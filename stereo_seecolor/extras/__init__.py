@@ -1,3 +1,3 @@
-"""What the core never imports: it is reached through the entry points of pyproject.toml, as the
-parts of a third party are.
+"""Extras, which the core never imports: it loads them through the entry points of pyproject.toml,
+like packages of third parties.
 """

@@ -1,1 +1,1 @@
-"""The ground floor: file formats and atomic writes."""
+"""File formats and atomic writes: the lowest layer."""

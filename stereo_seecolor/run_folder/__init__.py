@@ -1,1 +1,3 @@
-"""The output folder of a run: every name inside it, what is finished, and how it is read back."""
+"""The output folder of a run: every name inside it, its finished results, and functions that read
+them.
+"""

@@ -1,4 +1,4 @@
-"""The stamp by which a file that the program wrote, or an input that it read, is recognized."""
+"""The stamp that identifies a file that the program wrote or an input that it read."""
 
 import hashlib
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
 """Access to the keys of a calibration file: each is read with its expected type, and errors name
-the place.
+file and key.
 """
 
 from collections.abc import Iterator, Mapping

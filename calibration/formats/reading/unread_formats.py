@@ -1,5 +1,5 @@
-"""Calibration formats that are not read here, recognized so that the error says what the file is
-and what to do.
+"""Calibration formats that are recognized but not supported, so that the error names the format and
+the remedy.
 """
 
 import re

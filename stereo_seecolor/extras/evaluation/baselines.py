@@ -1,4 +1,4 @@
-"""Color methods of others, to compare with, written from their papers.
+"""Other color methods for comparison, implemented from their papers.
 
 Every method takes an image as displayed, (H, W, 3) float64 in [0, 1], with a range map (H, W) in
 meters, NaN where unknown, and returns (H, W, 3) float64 in the same encoding, not clipped, NaN

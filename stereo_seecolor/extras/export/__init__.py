@@ -1,1 +1,1 @@
-"""A fused run in the forms that other programs open; one module a format."""
+"""Exports of a fused run for other programs; one module for each format."""

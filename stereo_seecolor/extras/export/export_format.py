@@ -1,4 +1,4 @@
-"""What an export format is."""
+"""The record that describes an export format."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

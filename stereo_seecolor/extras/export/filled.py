@@ -1,5 +1,5 @@
-"""The orthomosaic and the mesh with their small holes filled, for pictures and films, and what was
-filled as a mask and as a mesh of its own.
+"""The orthomosaic and the mesh with small holes filled, for pictures and films; a mask and a
+separate mesh mark the filled parts.
 
 The run stays as it is: ranges, terrain, metrics and the map's own files hold what was measured.
 """

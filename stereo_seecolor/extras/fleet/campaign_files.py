@@ -1,5 +1,5 @@
-"""The files of a campaign beside the folders of its dives: only what the campaign wrote, and as it
-wrote it, is replaced.
+"""The files of a campaign next to the folders of its dives: only unchanged files that the campaign
+wrote are replaced.
 """
 
 import csv

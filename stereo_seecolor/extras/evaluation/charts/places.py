@@ -1,5 +1,5 @@
-"""Finds places of small color charts: colorful places that correlate with a chart in green, over
-sizes and angles.
+"""Detects candidate positions of small color charts: colorful regions that correlate with a chart
+in green, over sizes and angles.
 """
 
 from collections.abc import Iterator, Sequence
