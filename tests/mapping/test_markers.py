@@ -145,9 +145,7 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
     np.testing.assert_allclose(moved.T_world_camera[:, :3, 3], (T @ cameras())[:, :3, 3], atol=5e-3)
     code, said, _ = cli("markers", fused, "--size", "0.15", "--points", tmp_path / "gcp.csv")
     assert (
-        code == 3
-        and "another size than was given" in said
-        and "surveyed positions: 3 found" in said
+        code == 3 and "is the given size wrong?" in said and "surveyed positions: 3 found" in said
     )
     with pytest.raises(InputError, match="shows no marker of aruco-6x6"):
         markers(fused, Known(EDGE_M, "aruco-6x6"))

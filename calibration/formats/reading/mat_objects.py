@@ -60,7 +60,7 @@ class ObjectTable:
             or count > MAX_NAMES
         ):
             raise CalibrationError(
-                "is damaged, or of a MATLAB not known here: the table of its objects makes no sense"
+                "is damaged, or from an unknown MATLAB version: its table of objects is invalid"
             )
         names = [
             name.decode("utf-8", "replace") for name in raw[40 : offsets[0]].split(b"\0")[:count]

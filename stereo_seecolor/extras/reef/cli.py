@@ -196,7 +196,7 @@ def metrics_text(result: "SiteMetrics") -> str:
     if result.point_cover:
         parts.append(_point_cover(result))
     if result.unseen_points:
-        parts.append(lines(f"points where the map shows nothing: {result.unseen_points}"))
+        parts.append(lines(f"points in gaps of the map: {result.unseen_points}"))
     parts += [
         lines(*(f"not seen: {name}" for name in result.unseen)),
         lines(*(f"  {path}" for path in result.files)),
@@ -210,17 +210,14 @@ SAID_FROM = 0.05
 
 def _doubts(result: "SiteMetrics") -> list[str]:
     unseen = [
-        f"partly seen: {each.name}: {each.unseen:.0%} of it is taken to be like the rest, which "
-        "the standard error holds"
+        f"partly seen: {each.name}: {each.unseen:.0%} of it is assumed to be like the rest; the "
+        "standard error includes this"
         for each in result.colonies
         if each.unseen > SAID_FROM
     ]
     shared = [each.name for each in result.colonies if each.counted < 1 - SAID_FROM]
     overlap = (
-        [
-            f"overlapping: {', '.join(shared)}: the cover counts what they share once, divided "
-            "among them"
-        ]
+        [f"overlapping: {', '.join(shared)}: the cover counts shared area once, divided among them"]
         if shared
         else []
     )
@@ -233,7 +230,8 @@ def comparison_text(found: "Comparison") -> str:
     lod_mm = 1000 * change.difference.median_lod_m
     fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
     beyond = (
-        f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
+        f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of the cells beyond it (5 "
+        "% by chance)"
     )
     head = [
         f"registered: {at.agreeing} of {at.matches} features agree, within "
@@ -247,7 +245,7 @@ def comparison_text(found: "Comparison") -> str:
     if found.joint:
         head.append(
             f"joint graph: {found.joint.pairs} pairs of frames move the second track by "
-            f"{1000 * found.joint.bent_m:.1f} mm RMS; to take that out, fuse it with --poses "
+            f"{1000 * found.joint.bent_m:.1f} mm RMS; to remove this, fuse it with --poses "
             "second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
         )
     return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
@@ -369,7 +367,9 @@ def markers_text(found: "FoundMarkers") -> str:
         (f"bar {name}", check) for name, check in found.bars.items()
     ]
     text += [
-        lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}")
+        lines(
+            f"{name}: measured divided by given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}"
+        )
         for name, check in checks
     ]
     if found.control:
@@ -384,7 +384,7 @@ def markers_text(found: "FoundMarkers") -> str:
 
 
 def _doubt(check: "ScaleCheck") -> str:
-    return ": no rig is so far off: another size than was given?" if check.wrong else ""
+    return ": impossible for a rig: is the given size wrong?" if check.wrong else ""
 
 
 def measures_text(results: "list[Measurement]") -> str:

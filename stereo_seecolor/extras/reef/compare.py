@@ -63,7 +63,9 @@ def compare(
         refuse_filled(folder)
         refuse_own_place(folder)
     elif joint:
-        raise InputError("--joint: writes the second's track: give --out, a new or empty folder")
+        raise InputError(
+            "--joint writes the track of the second dive: give --out, a new or empty folder"
+        )
     a, b = open_site(first), open_site(second)
     change = compare_sites(a, b, max(site.posed.map.cell_m["dem_m"] for site in (a, b)))
     if folder is None:

@@ -70,7 +70,7 @@ def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
         except ValueError as error:
             raise InputError(f"{where}: {row['Name']!r} {error}") from error
     if not found:
-        raise InputError(f"{path}: holds no labelled point: export CoralNet's annotations as CSV")
+        raise InputError(f"{path}: contains no labeled point: export CoralNet's annotations as CSV")
     return found
 
 

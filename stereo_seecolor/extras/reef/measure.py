@@ -218,7 +218,7 @@ def _partly_known(
     """A measurement of which place ``number`` is not known; part: the area of the outline's known
     part, and the fraction it is.
     """
-    what = f"place {number}: no surface is known there"
+    what = f"place {number}: the surface is unknown there"
     if part is None or part[1] == 0:
         return Measurement(*about, None, None, note=what)
     area, known = part
@@ -242,14 +242,17 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
             return _partly_known(about, part, number, calibration)
         if near_m := surface.nearer_m(pick):
             step = (
-                f"place {number} lies at a step, {pick.point_m[2]:.2f} m away beside something "
+                f"place {number} lies at a step, {pick.point_m[2]:.2f} m away, next to an object "
                 f"{near_m:.2f} m away"
             )
             return Measurement(
                 *about,
                 None,
                 None,
-                note=f"{step}: click inside the near thing, or over {STEP_PX} pixels beside it",
+                note=(
+                    f"{step}: click inside the near object, or more than {STEP_PX} pixels away "
+                    "from it"
+                ),
             )
         picks.append(pick)
     if wanted.kind == "point":

@@ -110,9 +110,7 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        raise InputError(
-            f"{path}: is damaged, or of a form that is not known here: {error!r}"
-        ) from error
+        raise InputError(f"{path}: is damaged, or in an unknown format: {error!r}") from error
     if not outlines:
         raise InputError(
             f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a "

@@ -191,7 +191,7 @@ def test_a_bent_track_is_straightened_by_what_frames_of_both_dives_share(
     )
     with pytest.raises(
         ComparingError,
-        match="cannot be bent onto the first: 0 pairs of frames of both dives see the same",
+        match="cannot be bent onto the first: 0 pairs of frames of both dives match",
     ):
         joint_track(first, second, far, Threads(1))
 
@@ -239,7 +239,7 @@ def test_what_is_written(
     np.testing.assert_allclose(
         bent.T_world_camera, found.joint.trajectory.T_world_camera, atol=1e-6
     )
-    with pytest.raises(InputError, match="--joint: writes the second's track: give --out"):
+    with pytest.raises(InputError, match="--joint writes the track of the second dive: give --out"):
         compare(dives[0], dives[1], joint=True)
     page = (folder / "index.html").read_text()
     liters = found.change.growth_l[0]

@@ -85,7 +85,7 @@ def test_cover_is_counted_by_label_and_written(fused: Path, tmp_path: Path) -> N
     table = (tmp_path / "to/point_cover.csv").read_text().splitlines()
     assert table[0] == "label,points,fraction,low,high" and len(table) == 3
     assert "where the map shows nothing" not in metrics_text(result)
-    assert "where the map shows nothing: 3" in metrics_text(replace(result, unseen_points=3))
+    assert "in gaps of the map: 3" in metrics_text(replace(result, unseen_points=3))
 
 
 def test_points_count_where_the_map_shows_the_bottom() -> None:
@@ -107,7 +107,7 @@ def test_the_interval_is_wilsons() -> None:
     ("text", "message"),
     [
         ("Name,Row,Column\n", r"has no column 'Label'"),
-        (HEAD, "holds no labelled point"),
+        (HEAD, "contains no labeled point"),
         (HEAD + "reef.png,1,1,a\n", r"line 2: 'reef.png' is neither a frame of the map nor a tile"),
         (HEAD + "f1.png,1,100000,a\n", r"line 2: 'f1.png' has \d+ x \d+ pixels, not one in row 1"),
         (HEAD + "f1.png,1.5,2,a\n", r"line 2: Row and Column are not whole numbers"),

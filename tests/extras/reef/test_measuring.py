@@ -415,7 +415,7 @@ def test_of_an_outline_half_off_the_surface_the_known_part_is_measured() -> None
     corners = ((100, 80), (220, 80), (220, 160), (100, 160))
     (wanted,) = [Wanted("a", "0", "area", "", corners)]
     found = measured(surface, wanted, 0.0)
-    assert found.value is None and "place 2: no surface is known there" in found.note
+    assert found.value is None and "place 2: the surface is unknown there" in found.note
     assert found.known == pytest.approx(0.5, abs=0.05)
     assert found.surface == pytest.approx(60 * 80 * (2 / 500) ** 2, abs=2 * found.surface_std)
     assert f"{found.known:.0%} of the outline" in found.note
@@ -460,7 +460,7 @@ def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
     assert within.value == pytest.approx(90 * 1.5 / 500, rel=0.01) and within.note == ""
     assert (
         edge.value is None
-        and "place 2 lies at a step, 3.00 m away beside something 1.50 m away" in edge.note
+        and "place 2 lies at a step, 3.00 m away, next to an object 1.50 m away" in edge.note
     )
     assert far.value is not None and far.note == ""
 

@@ -527,7 +527,7 @@ def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path:
     [
         ("{", "is neither GeoJSON"),
         ('{"type": "FeatureCollection", "features": []}', "holds no polygon"),
-        ('{"features": 3}', "is damaged, or of a form"),
+        ('{"features": 3}', "is damaged, or in an unknown format"),
         (
             '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}',
             "holds no polygon",

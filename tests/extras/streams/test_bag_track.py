@@ -191,7 +191,7 @@ def test_fixes_alone_give_heights_and_need_an_attitude(tmp_path) -> None:
     )
     unknown = [imu(".mcap", ms, TURN, known=False) for ms in (0, 100)]
     for name, sent in (("b", []), ("c", unknown)):
-        with pytest.raises(InputError, match="holds satellite fixes but no attitude"):
+        with pytest.raises(InputError, match="contains satellite fixes but no attitude"):
             read_trajectory(write_bag(tmp_path / f"{name}.mcap", [fix(".mcap", 0), *sent]))
 
 

@@ -95,8 +95,8 @@ def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) 
     if across < SETTINGS.fewest:
         raise ComparingError(
             f"the second track cannot be bent onto the first: {across} pairs of frames of both "
-            f"dives see the same (needed: {SETTINGS.fewest}): were they taken from like places, in "
-            "colors that are corrected alike?"
+            f"dives match (needed: {SETTINGS.fewest}): were they taken from similar "
+            "positions, and corrected with the same settings?"
         )
     better = refined(track, Placement(T_solved, np.zeros(len(T), np.int64)), priors).T_world_camera[
         count:

@@ -260,7 +260,7 @@ def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
                 problems.append(
                     "is empty"
                     if not begin
-                    else "is not a ROS bag: it begins as none of .bag (2.0), .db3, .mcap"
+                    else "is not a ROS bag: it does not begin like .bag (2.0), .db3 or .mcap"
                 )
     except OSError as error:
         problems.append(f"cannot be read: {error.strerror or error}")

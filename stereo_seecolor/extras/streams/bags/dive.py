@@ -213,7 +213,7 @@ def _notes(bag: Bag, sides: SideTopics, pairing: Pairing) -> tuple[str, ...]:
         if lost := topic.count - len({entry.stamp_ns for entry in topic.entries}):
             notes.append(
                 f"{bag.path}: {topic.name}: {lost} of {topic.count} messages repeat the stamp of "
-                "another and are left out"
+                "another message and are left out"
             )
     return (*notes, *gap_notes(pairing.pairs, bag.path))
 
@@ -228,7 +228,7 @@ def _frame_notes(
             if len(set(filter(None, frames))) > 1 and info:
                 yield (
                     f"{bag.path}: {info.name} is of the frame {frames[1]}, {topic.name} of "
-                    f"{frames[0]}: is it of this camera?"
+                    f"{frames[0]}: does it belong to this camera?"
                 )
 
 
@@ -249,6 +249,6 @@ def gap_notes(pairs: Sequence[Pair], path: Path) -> tuple[str, ...]:
     longest, start = max(gaps)
     counted = f"{len(gaps)} gaps" if len(gaps) > 1 else "1 gap"
     return (
-        f"{path}: {counted} between pairs, which are {usual:.3g} s apart; the longest "
+        f"{path}: {counted} between pairs, which are usually {usual:.3g} s apart; the longest "
         f"{longest:.3g} s, at {start:.3f}",
     )

@@ -68,8 +68,8 @@ def fixed_track(bag: Bag) -> FixedTrack | None:
         return None
     if not imu or decode(imu[0]).orientation_covariance[0] == -1:
         raise InputError(
-            f"{bag.path}: holds satellite fixes but no attitude: no Imu message with an "
-            "orientation goes with them"
+            f"{bag.path}: contains satellite fixes but no attitude: no Imu message with an "
+            "orientation matches them in time"
         )
     times_ns = np.array([entry.stamp_ns for entry, _ in known])
     north_east_m, origin = from_degrees(

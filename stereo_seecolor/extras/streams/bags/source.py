@@ -160,7 +160,7 @@ def decompressor(compression: str) -> Any:
             f"bags need a library that is missing ({error.name}): pip install -c constraints.txt "
             "'.[bags]'"
         ) from error
-    raise Cut(f"uses the compression {compression!r}, which is not known here")
+    raise Cut(f"uses the compression {compression!r}, which is not supported")
 
 
 class _Zstd:

@@ -71,7 +71,7 @@ def parse_topics(text: str) -> dict[str, str]:
         or found["left"] == found["right"]
     ):
         raise InputError(
-            f"--topics {text}: is not read; write --topics "
+            f"--topics {text}: cannot be parsed; write --topics "
             "left=/camera/left/image_raw,right=/camera/right/image_raw"
         )
     return found
