@@ -12,7 +12,6 @@ import numpy as np
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.threads import Threads, cores
@@ -69,8 +68,8 @@ def _call(name: str) -> None:
 
 
 def warm_up_fit() -> None:
-    """Compile the kernels of decoding, counting, fitting, exposure, the cloud, and the page's
-    ranges.
+    """Compile the kernels of decoding, counting, the cloud, and the page's ranges; load those of
+    fitting.
     """
     from stereo_seecolor.report.range_code import CodedRanges
 
@@ -78,7 +77,7 @@ def warm_up_fit() -> None:
     quickly_decoded(cv2.imencode(".png", image)[1].tobytes())
     corrector = Corrector()
     table = corrector.measure(image, range_m)
-    choose(table, corrector.fit(table), corrector.config)
+    corrector.fit(table)
     height, width = range_m.shape
     encode_cloud(
         range_m,

@@ -44,9 +44,6 @@ def warm_up_quality() -> None:
     disparity = np.full(pair.left.shape, SHIFT_PX, np.float32)
     found = MatchedDisparity(disparity, disparity.copy(), np.ones_like(disparity))
     Matcher(PAIR, MatchingConfig()).range_map(found, pair)
-    diagnostics.one_sided_warning(
-        pair.small_left, disparity[::2, ::2].copy(), np.zeros(pair.small_left.shape, np.bool_), 2
-    )
 
 
 def _noise() -> StereoFrame:
