@@ -167,7 +167,7 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
             foreign.parent.mkdir(exist_ok=True)
             foreign.write_bytes(PRECIOUS)
             for overwrite in (False, True):
-                with pytest.raises(OutputError, match="is not of this program"):
+                with pytest.raises(OutputError, match="was not written by this program"):
                     self.command(0, run, RunOptions(overwrite=overwrite))
             assert foreign.read_bytes() == PRECIOUS
             foreign.unlink()

@@ -233,7 +233,7 @@ def test_a_file_of_others_among_originals_is_refused(
     mine = out / "original" / "corrected" / "mine.png"
     mine.write_bytes(b"mine")
     code, _, said = cli(*dive.command(out, *ORIGINAL))
-    assert code == 1 and "mine.png: is not of this program" in said
+    assert code == 1 and "mine.png: was not written by this program" in said
     assert mine.read_bytes() == b"mine"
 
 

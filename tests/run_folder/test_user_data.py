@@ -169,7 +169,7 @@ def test_files_in_a_products_place_are_refused(
     out = tmp_path / "out"
     copy_run(out)
     before, mine = contents(out), keep(out / name)
-    with pytest.raises(OutputError, match=r"is not of this program.*nothing was changed"):
+    with pytest.raises(OutputError, match=r"was not written by this program.*nothing was changed"):
         go(dive, out, "color.lock=survey", overwrite=overwrite)
     assert mine.read_bytes() == PRECIOUS
     assert contents(out).items() >= before.items()
@@ -632,6 +632,6 @@ def test_a_users_file_in_the_map_is_refused(copy_run: CopyRun, tmp_path: Path) -
     out = tmp_path / "out"
     copy_run(out)
     mine = keep(out / "map/report.docx")
-    with pytest.raises(OutputError, match=r"report\.docx: is not of this program"):
+    with pytest.raises(OutputError, match=r"report\.docx: was not written by this program"):
         fuse(out, config=RunConfig())
     assert mine.read_bytes() == PRECIOUS
