@@ -35,7 +35,7 @@ from photographs_in_water import OPTICAL_DEPTHS, cases_of
 from photographs_in_water import score as score_photograph
 from skimage import data as photographs
 
-from stereo_seecolor.commands.fuse import RawImages
+from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts

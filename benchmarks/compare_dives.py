@@ -24,7 +24,7 @@ from stereo_seecolor.extras.synthetic.reef import Reef
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.raster.grid import Grid
 

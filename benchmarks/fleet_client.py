@@ -34,7 +34,8 @@ from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.interface import Usage
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.dive import light_search
-from stereo_seecolor.dive.dive_run import GROUP, Outcome
+from stereo_seecolor.dive.dive_run import Outcome
+from stereo_seecolor.dive.pair_sequences import GROUP
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow

@@ -22,11 +22,12 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.dive.dive_run import GROUP, Outcome
+from stereo_seecolor.dive.dive_run import Outcome
+from stereo_seecolor.dive.pair_sequences import GROUP
 from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
 from stereo_seecolor.extras.fleet.cluster.worker import Done
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.frames_csv import FrameTable
+from stereo_seecolor.run_folder.frame_table import FrameTable
 
 
 @dataclass(frozen=True)

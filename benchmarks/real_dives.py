@@ -32,7 +32,7 @@ from stereo_seecolor.checks.sample import evenly_spaced, read_both
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.commands.dive_rig import REFINING_PAIRS
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import read_trajectory

@@ -10,10 +10,17 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from stereo_seecolor.cli import dive_commands, look_commands, rig_commands
+from stereo_seecolor.cli import (
+    dive_commands,
+    look_commands,
+    machine_commands,
+    result_commands,
+    rig_commands,
+)
 from stereo_seecolor.cli.command import Command
 from stereo_seecolor.cli.errors import exit_code_of
-from stereo_seecolor.cli.output import prepare_streams, quiet_libraries, write_error, write_out
+from stereo_seecolor.cli.output import prepare_streams, write_error, write_out
+from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.compute.process import tune_malloc
 from stereo_seecolor.errors import PluginError
@@ -23,16 +30,16 @@ CORE: dict[str, Command] = {
     "run": dive_commands.run,
     "inspect": look_commands.inspect,
     "check": rig_commands.check,
-    "fuse": dive_commands.fuse,
-    "report": dive_commands.report,
-    "view": dive_commands.view,
+    "fuse": result_commands.fuse,
+    "report": result_commands.report,
+    "view": result_commands.view,
     "calibrate": rig_commands.calibrate,
     "convert-calib": rig_commands.convert_calib,
     "rectify": dive_commands.rectify,
     "range": dive_commands.range_,
     "correct": dive_commands.correct,
-    "doctor": look_commands.doctor,
-    "config": look_commands.config,
+    "doctor": machine_commands.doctor,
+    "config": machine_commands.config,
 }
 """The commands of the core, in the order of the help."""
 

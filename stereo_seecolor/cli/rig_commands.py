@@ -8,13 +8,14 @@ import typer
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.output import lines
 from stereo_seecolor.cli.report import BareReport, LoggedReport, Report
 from stereo_seecolor.cli.results import calibration_content, check_content
+from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
     from calibration.checks import RowCheck
-    from stereo_seecolor.commands.calibrate import CalibrationResult, CheckResult, RigFacts
+    from stereo_seecolor.commands.calibrate import CalibrationResult
+    from stereo_seecolor.commands.check import CheckResult, RigFacts
 
 Target = Annotated[
     str,
@@ -149,7 +150,7 @@ def check(
     """Test a calibration against the images of a dive; exit code 3 if numbers of a run would be
     wrong.
     """
-    from stereo_seecolor.commands.calibrate import check as test
+    from stereo_seecolor.commands.check import check as test
 
     with report.working():
         result = test(left, right, calib, pairs, refine, settings.load().input)
@@ -173,7 +174,7 @@ def convert_calib(
     report: BareReport,
 ) -> None:
     """Convert a calibration into another format, with the same ray for every pixel."""
-    from stereo_seecolor.commands.calibrate import convert_calib as convert
+    from stereo_seecolor.commands.convert_calib import convert_calib as convert
 
     result = convert(source, out, to, size, resize)
     output = [

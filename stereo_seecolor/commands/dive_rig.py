@@ -3,15 +3,14 @@ of the dive.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 from calibration import CalibrationError, StereoRig
 from calibration.field_checks.conventions import resolve_convention
 from calibration.field_checks.matches import Matches, raw_matches
-from calibration.field_checks.mistakes import LIMITS, likely_mistake
-from calibration.formats import load_rig_of_images, native
+from calibration.formats import load_rig_of_images
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
 from calibration.rig import for_channels
@@ -19,7 +18,6 @@ from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_i
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.halves import is_half
 from stereo_seecolor.inputs.images import read_image
@@ -27,9 +25,6 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.plugins import load
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
-from stereo_seecolor.run_folder.cache import KeptRefinement
-from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.version import __version__
 
 REFINING_PAIRS = 8
 """Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as
@@ -160,77 +155,3 @@ def refined_rig(
         options.listener.advance(FrameRow(pair.name))
         found += [matches] if matches else []
     return refine_matches(rig, found)
-
-
-# The refined rig of a run: an earlier run's, or refined now and kept in OUT.
-
-
-@dataclass(frozen=True, eq=False)
-class DiveRefinement:
-    """Refines the rig of one dive into one output folder."""
-
-    folder: RunFolder
-    pairing: Pairing
-    images: InputConfig
-    options: RunOptions
-
-    def of(self, rig: StereoRig) -> tuple[StereoRig, str]:
-        """The refined rig, or the rig itself where refining does not make it better; and a note.
-
-        An earlier run's rig is used as long as the calibration and the pairs that it was refined
-        with are unchanged, even if the dive has more pairs now: all frames of a folder have one
-        rig. Raises OutputError, and CalibrationError for a wrong rig.
-        """
-        key = content_key(__version__, native.to_bytes(rig), self.images.model_dump())
-        earlier = KeptRefinement.load(self.folder.root, key)
-        if earlier and self._holds(earlier[0]):
-            return earlier[1], earlier[0].note
-        used, note = self._refined(rig)
-        pairs = {
-            pair.name: self._hashes(pair)
-            for pair in evenly_spaced(self.pairing.pairs, REFINING_PAIRS)
-        }
-        KeptRefinement(native.to_content(used), pairs, note).save(self.folder.root, key)
-        return used, note
-
-    def _refined(self, rig: StereoRig) -> tuple[StereoRig, str]:
-        try:
-            refined = refined_rig(rig, self.pairing.pairs, self.images, self.options)
-        except CalibrationError as error:
-            return rig, f"calibration: used unchanged, because it could not be refined: {error}"
-        found = refined.refinement
-        assert found
-        if not found.better:
-            return (
-                rig,
-                "calibration: used unchanged, because the refined one is not better: "
-                f"{found.summary}",
-            )
-        if found.before_px > LIMITS.wrong_px and (
-            mistake := likely_mistake(rig, first_images(self.pairing.pairs, self.images))
-        ):
-            raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
-        return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
-
-    def _holds(self, kept: KeptRefinement) -> bool:
-        """True if the pairs it was refined with are unchanged, and are as many as a refinement now
-        would use.
-        """
-        pairs = {pair.name: pair for pair in self.pairing.pairs}
-        enough = len(kept.pairs) >= len(evenly_spaced(self.pairing.pairs, REFINING_PAIRS))
-        return enough and all(
-            name in pairs and self._hashes(pairs[name]) == hashes
-            for name, hashes in kept.pairs.items()
-        )
-
-    def _hashes(self, pair: Pair) -> dict[str, str]:
-        """SHA-256 of a pair's files, by side; empty for a pair that cannot be read, which the run
-        names.
-        """
-        try:
-            files = self.folder.frames.inputs(
-                pair.name, {"left": pair.left, "right": pair.right}, self.options.verify
-            )
-        except InputError:
-            return {}
-        return {side: file.sha256 for side, file in files.items()}

@@ -6,114 +6,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import ExifTags, Image
-from PIL.TiffImagePlugin import IFDRational
 
-from calibration import Rectification
 from calibration.errors import counted
-from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.earth import degrees_from_north_east
-from stereo_seecolor.files.exif_blocks import with_exif
-from stereo_seecolor.files.image_marks import EXIF_PREFIX
-from stereo_seecolor.inputs.headers import exif_block
-from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_files
 from stereo_seecolor.progress import Both, Listener, Silence
-from stereo_seecolor.records import FrameRow, GeoOrigin
-from stereo_seecolor.records import Image as RecordsImage
-from stereo_seecolor.run_folder.finished_run import (
-    FinishedRun,
-    TrackPoint,
-    open_map,
-    open_run,
-    track_points,
-)
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
 from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
-from stereo_seecolor.run_folder.reports import renew_frames_table
 from stereo_seecolor.run_folder.run_progress import ProgressFile
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
-
-
-# Writes what a map shows of its frames into their files: residuals of given poses, and positions
-# on Earth.
-
-PICTURES = ("corrected", "original/corrected")
-"""Products with an EXIF position."""
-SECOND = 100_000
-"""Steps of an EXIF position in a second of arc: 0.3 mm of latitude each."""
-BELOW_SEA_LEVEL = b"\x01"
-
-
-def describe_frames(folder: RunFolder) -> None:
-    """Write the residuals of poses into frames.csv, and the position into each picture's EXIF.
-    Raises InputError, OutputError.
-    """
-    renew_frames_table(folder)
-    made = open_map(folder.root)
-    if made is None or made.origin is None:
-        return
-    for point in track_points(folder.root):
-        record = folder.manifest.frame(point.name)
-        if record is None or "corrected" not in record.stages:
-            continue
-        stage = folder.frames.finished("corrected", point.name, record.stages["corrected"].key)
-        if stage is None:
-            continue  # somebody changed a file of it
-        files = {
-            path: (folder.root / path).read_bytes()
-            for product, path in stage.outputs.items()
-            if product in PICTURES
-        }
-        changed = {
-            path: located(content, gps_tags(point, made.origin)) for path, content in files.items()
-        }
-        folder.frames.rewrite(
-            record, {path: content for path, content in changed.items() if content != files[path]}
-        )
-
-
-def located(content: bytes, gps: dict[int, object]) -> bytes:
-    """The content of an image file with these GPS tags in place of its own."""
-    exif, block = Image.Exif(), exif_block(content)
-    if block:
-        exif.load(EXIF_PREFIX + block)
-    place = exif.get_ifd(ExifTags.IFD.GPSInfo)
-    place.clear()
-    place.update(gps)
-    return with_exif(content, exif.tobytes().removeprefix(EXIF_PREFIX))
-
-
-def gps_tags(point: TrackPoint, origin: GeoOrigin) -> dict[int, object]:
-    """EXIF's GPS tags of a camera's position: WGS84, and its depth as an altitude below sea
-    level.
-    """
-    latitude_deg, longitude_deg = degrees_from_north_east(point.y_m, point.x_m, origin)
-    tags = ExifTags.GPS
-    return {
-        tags.GPSVersionID: b"\x02\x03\x00\x00",
-        tags.GPSLatitudeRef: "N" if latitude_deg >= 0 else "S",
-        tags.GPSLatitude: _sexagesimal(latitude_deg),
-        tags.GPSLongitudeRef: "E" if longitude_deg >= 0 else "W",
-        tags.GPSLongitude: _sexagesimal(longitude_deg),
-        tags.GPSAltitudeRef: BELOW_SEA_LEVEL if point.z_m < 0 else b"\x00",
-        tags.GPSAltitude: IFDRational(round(abs(point.z_m) * 1000), 1000),
-        tags.GPSMapDatum: "WGS-84",
-    }
-
-
-def _sexagesimal(degrees: float) -> tuple[IFDRational, IFDRational, IFDRational]:
-    parts = round(float(np.abs(degrees)) * 3600 * SECOND)
-    minutes, seconds = divmod(parts, 60 * SECOND)
-    return IFDRational(minutes // 60, 1), IFDRational(minutes % 60, 1), IFDRational(seconds, SECOND)
+from stereo_seecolor.commands.described_frames import describe_frames
 
 
 def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
@@ -219,24 +130,6 @@ def _stages_of(listener: Listener, first_run: bool) -> Callable[[str, int, int],
         listener.advance(FrameRow(f"{done}"))
 
     return progress
-
-
-# The uncorrected left images of a finished run.
-
-
-class RawImages:
-    """Reads the left images of a run from where the run read them."""
-
-    def __init__(self, run: FinishedRun) -> None:
-        self._run, self._rectification = run, Rectification.from_rig(run.rig)
-
-    def rectified(self, name: str) -> RecordsImage:
-        """The rectified left image of a frame, upright, as sRGB values without a pedestal. Raises
-        InputError where its file is missing.
-        """
-        raw = read_image(self._run.frame(name).left, self._run.config.input)
-        response = Response.of(self._run.config.color).of_frame(raw)
-        return response.standard(self._rectification.upright(self._rectification.apply_left(raw)))
 
 
 def _kept_aside(folder: RunFolder) -> tuple[str, ...]:

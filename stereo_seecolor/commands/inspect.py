@@ -3,130 +3,47 @@ Nothing is written.
 """
 
 import shlex
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calibration import CalibrationError
-from calibration.errors import counted
-from calibration.formats import load_rig
 from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
 from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, verdict_of
-from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
-from stereo_seecolor.commands.inspect_rig import (
+from stereo_seecolor.commands.inspect_check import (
     NOTHING_TESTED,
     CalibrationFacts,
-    FoundCalibration,
-    FoundPoses,
     Tested,
-    find_calibration,
-    find_poses,
-    refused_calibrations,
     tested_calibration,
 )
+from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
+from stereo_seecolor.commands.inspect_pairing import problems_of_images
+from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
+from stereo_seecolor.commands.inspect_rig import (
+    FoundCalibration,
+    find_calibration,
+    refused_calibrations,
+)
+from stereo_seecolor.commands.inspect_unknown import unknown_files
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
-from stereo_seecolor.inputs.listing import BAG, EXTENSIONS, unread_hint
+from stereo_seecolor.inputs.listing import EXTENSIONS, unread_hint
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.patterns import folder_of, is_pattern
 from stereo_seecolor.inputs.sides import Sides, find_sides
-from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.video_file import recorded_at
 from stereo_seecolor.inputs.video_frames import VideoFacts, is_video, size_of_side, video_facts
 from stereo_seecolor.records import Numbers
-
-# Files that were named to ``inspect`` and that it cannot use.
-
-NOT_KNOWN = (
-    "is not a trajectory of a known format",
-    "is not a calibration",
-    "cannot be parsed",
-    "is not text",
-)
-"""Of errors that say no more than that a file is something else."""
-
-
-def unknown_files(
-    places: Sequence[Path], known: Collection[Path], problems: Sequence[str]
-) -> tuple[str, ...]:
-    """A line for each file of the places that is not among the known ones, with what it is where
-    that can be told.
-
-    problems: lines that name files already.
-    """
-    files = [
-        place
-        for place in places
-        if place.exists() and not place.is_dir() and place not in known
-        if not (place.is_file() and _is_images(place))
-    ]
-    return tuple(_line(file) for file in files if not any(str(file) in line for line in problems))
-
-
-def _is_images(path: Path) -> bool:
-    return path.suffix.lower() in EXTENSIONS or is_video(path)
-
-
-def _line(file: Path) -> str:
-    if BAG.search(file.name):
-        return f"not used{unread_hint([str(file)])}"
-    for read in (read_trajectory, load_rig):
-        try:
-            read(file)
-        except (InputError, CalibrationError) as error:
-            if not any(words in str(error) for words in NOT_KNOWN):
-                return f"not used: {error}"
-    return f"not used: {file}: is neither images, nor a calibration or trajectory of a known format"
-
-
-# Problems of how files became pairs, as ``inspect`` names them.
-
-
-def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[str, ...]:
-    """One line for each problem: notes of the pairing, sides that no name tells, files without a
-    partner, folders left out.
-
-    doubtful: sample pairs do not tell either which side is left.
-    """
-    problems = list(pairing.notes)
-    if doubtful:
-        problems.append(
-            f"no name identifies the left images, and {sides.left} and {sides.right} have too "
-            "little in common to be the two sides: name them yourself, with a folder for "
-            "each or a pattern ('*/im0.png' and '*/im1.png')"
-        )
-    elif sides.guessed:
-        problems.append("no name identifies the left side: the sides were used in order")
-    if pairing.unpaired:
-        first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
-        problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
-    if sides.others:
-        problems.append(
-            f"{counted(len(sides.others), 'folder')} with the same names are left out, the "
-            f"first: {sides.others[0]}: each pair of folders is a separate run; "
-            f"stereo-seecolor campaign runs them one after the other{_together(sides)}"
-        )
-    return tuple(problems)
-
-
-def _together(sides: Sides) -> str:
-    """The options that run folders of the same names as one dive; "" where none do."""
-    if not (patterns := sides.together):
-        return ""
-    return "; all of them as one dive: " + shlex.join(
-        ["--left", str(patterns[0]), "--right", str(patterns[1])]
-    )
-
 
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are examined."""

@@ -5,15 +5,14 @@ when it ends.
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from calibration.formats import native
+from stereo_seecolor.commands.run_cost import Meter
+from stereo_seecolor.commands.run_page import RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
-from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.process import core_seconds, peak_bytes
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
@@ -23,14 +22,13 @@ from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.matching.diagnostics import NO_OVERLAP, ROWS_OFF
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
-from stereo_seecolor.progress import Both
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
+from stereo_seecolor.run_folder.current_frames import CurrentFrames
 from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import CurrentFrames, RunSummary
-from stereo_seecolor.run_folder.layout import INDEX, RIG, RUN, WATER, Stage, state
+from stereo_seecolor.run_folder.frame_table import RunSummary
+from stereo_seecolor.run_folder.layout import RIG, RUN, WATER, Stage, state
 from stereo_seecolor.run_folder.ownership import FolderRequest, Owner
 from stereo_seecolor.run_folder.reports import (
     FinalRows,
@@ -39,9 +37,6 @@ from stereo_seecolor.run_folder.reports import (
     products,
     write_reports,
 )
-
-if TYPE_CHECKING:
-    from stereo_seecolor.report.live_page import EarlyFrames
 
 KIND = "stereo"
 """The kind of output folder that a command over stereo pairs writes, in its manifest."""
@@ -218,117 +213,3 @@ def folder_request(
         unchanged,
         ranges,
     )
-
-
-# What a run cost, beside the plan that lies in OUT.
-
-
-class Meter:
-    """Measures a run from its beginning: processor time of this process and of its workers, elapsed
-    time, memory, disk.
-    """
-
-    def __init__(self, compute: Compute) -> None:
-        self._compute = compute
-        self._began_s, self._core_s = time.perf_counter(), self._used_s()
-
-    def _used_s(self) -> float:
-        return core_seconds() + self._compute.usage.core_seconds
-
-    def compared(
-        self, summary: RunSummary, root: Path, pairs: int, config: RunConfig
-    ) -> RunSummary:
-        """The summary with the planned and the measured cost.
-
-        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
-        done a part.
-        """
-        plan = KeptPlan.load(root, pairs, config)
-        if plan is None or summary.kept or summary.stopped:
-            return summary
-        usage, wall_s = self._compute.usage, time.perf_counter() - self._began_s
-        memory = usage.memory_bytes or peak_bytes()
-        measured = Cost(
-            (self._used_s() - self._core_s) / 3600, wall_s / 3600, used_bytes(root), memory
-        )
-        return replace(summary, plan=Compared(usage.cores, plan.cost(usage.cores), measured))
-
-
-# The page that a run writes at its end, and, if asked for, while it works.
-
-
-@dataclass(frozen=True, eq=False)
-class RunPage:
-    """Writes OUT/index.html of a run into ``folder``. options: say when. run: the command's
-    description.
-    """
-
-    options: RunOptions
-    folder: RunFolder
-    run: RunDescription
-
-    def listening(self) -> RunOptions:
-        """The options of the run, with a listener that writes the page while the run works, if
-        asked for.
-        """
-        if self.options.page != "live":
-            return self.options
-        from stereo_seecolor.report.live_page import LivePage  # loads the templates
-        from stereo_seecolor.report.page import dive_name
-
-        live = LivePage(
-            self.folder, dive_name(self.run.inputs, self.folder.root), self.run.config.input
-        )
-        return replace(self.options, listener=Both(self.options.listener, live))
-
-    def early_frames(self) -> "EarlyFrames | None":
-        """What makes the page's files of some frames while the run has their pixels; None where the
-        run writes no page.
-        """
-        if (
-            self.options.page == "none"
-            or self.run.last != "corrected"
-            or self.run.rectification is None
-        ):
-            return None
-        if not self.options.shard.whole:
-            return None
-        from stereo_seecolor.report.live_page import EarlyFrames, frames_in_full
-
-        return EarlyFrames(frozenset(frames_in_full(self.run.names)), self.run.rectification.pair)
-
-    def keep(self) -> None:
-        """Keep the live page until the final one replaces it: a browser that finds no page stops
-        reloading.
-        """
-        dive = self.folder.dive.record
-        if self.options.page == "live" and INDEX in dive.files:
-            self.folder.dive.update(
-                replace(
-                    dive, made_from={**dive.made_from, INDEX: self.folder.dive.digest("corrected")}
-                )
-            )
-
-    def drop(self) -> None:
-        """Remove the live page of a run that ends by an error: it would say that the run is still
-        in progress.
-        """
-        if self.options.page == "live":
-            self.folder.dive.remove(INDEX)
-
-    def end(self, stopped: bool) -> None:
-        """Write the brief page of a run that has ended. A stopped run gets one only where a live
-        page is to be replaced.
-
-        Raises OutputError; InputError if files that the page is made from are missing.
-        """
-        page, listener = self.options.page, self.options.listener
-        if page == "none" or self.run.last != "corrected" or (stopped and page != "live"):
-            return
-        from stereo_seecolor.report.page import write_page  # loads the templates
-
-        finished = open_run(self.folder.root)
-        listener.begin("page", len(finished.frames))
-        write_page(
-            self.folder, finished, True, lambda done, _: listener.advance(FrameRow(f"{done}"))
-        )

@@ -36,7 +36,7 @@ from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import RECTIFIED_RIG, WATER
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.ownership import Owner

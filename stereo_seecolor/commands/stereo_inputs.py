@@ -12,13 +12,14 @@ from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, verdict_of
-from stereo_seecolor.commands.dive_rig import DiveRefinement, load_rig_for
+from stereo_seecolor.commands.dive_rig import load_rig_for
+from stereo_seecolor.commands.refined_rig import DiveRefinement
 from stereo_seecolor.compute.interface import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes, special_kind
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.whole_files import read_bytes, special_kind
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.listing import folders_of

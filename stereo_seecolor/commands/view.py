@@ -1,4 +1,6 @@
-"""``view`` and ``report``: the page of a run, written or opened, or its map in a window."""
+"""``view``: open the page of a run in a browser, or its map in a window, of rerun where it is
+installed, else of Open3D.
+"""
 
 import importlib.util
 import os
@@ -11,17 +13,8 @@ from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.mapping.surface.open3d_library import open3d
-from stereo_seecolor.plugins import load
-from stereo_seecolor.progress import Listener, Silence
-from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.page import PageSummary, write_page
-from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX
 from stereo_seecolor.run_folder.own_paths import refuse_links_out
-
-# ``view``: open the page of a run in a browser, or its map in a window, of rerun where it is
-# installed, else of Open3D.
 
 
 @dataclass(frozen=True)
@@ -125,29 +118,3 @@ def _open_in_open3d(mesh: Path) -> None:
     window.add_geometry(library.io.read_triangle_mesh(mesh))
     window.run()
     window.destroy_window()
-
-
-# ``report``: write the page of a finished run, OUT/index.html.
-
-
-def report(
-    out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False
-) -> PageSummary:
-    """Write ``out``/index.html and its files, ``out``/page. The page needs neither a network nor
-    the program.
-
-    Only what changed since an earlier page is made. brief: the quick page of run and fuse, on which
-    only some frames of a long dive are shown in full. charts: search all frames for color charts,
-    which takes seconds a frame, and compare the views of the same spots; later pages of the same
-    frames show these results, too.
-    Raises InputError if ``out`` holds no run, or files of it are damaged; OutputError if the page
-    cannot be written, or another run writes into ``out`` now.
-    """
-    open_run(out)  # refuses another folder before anything is written into it
-    listener = listener or Silence()
-    with RunFolder.existing(out, "report") as folder:
-        run = open_run(out)
-        if charts:
-            load("page_parts", "charts", needs=("__call__",))(folder, run, listener)
-        listener.begin("page", len(run.frames))
-        return write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))

@@ -9,13 +9,11 @@ from typing import Literal
 from pydantic import Field
 
 from stereo_seecolor.config.color import ColorConfig, LampsConfig, PaperConfig, RobustConfig
+from stereo_seecolor.config.inputs import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
-from stereo_seecolor.config.stage import (
-    InputConfig,
-    MatchingConfig,
-    OutputConfig,
-    StageConfig,
-)
+from stereo_seecolor.config.matching import MatchingConfig
+from stereo_seecolor.config.output import OutputConfig
+from stereo_seecolor.config.stage import StageConfig
 
 __all__ = [
     "ColorConfig",

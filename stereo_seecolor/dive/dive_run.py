@@ -2,7 +2,6 @@
 each so far.
 """
 
-from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,16 +10,17 @@ from typing import Generic, TypeVar
 
 from calibration import CalibrationError
 from stereo_seecolor.checks.repeated_images import RepeatedImages
-from stereo_seecolor.compute.sequences import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.dive.frames import Frames, PageFrames, PairSource
+from stereo_seecolor.dive.pair_sequences import chosen
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.cache import KeptPixels, KeptPlan
+from stereo_seecolor.run_folder.cache import KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary
+from stereo_seecolor.run_folder.frame_table import FrameTable, RunSummary
+from stereo_seecolor.run_folder.kept_pixels import KeptPixels
 from stereo_seecolor.run_folder.layout import SET_ASIDE, Stage
 from stereo_seecolor.run_folder.run_progress import USUAL, ExpectedPasses, ProgressFile
 
@@ -170,48 +170,3 @@ class DiveRun:
         if outcome.failure and self.options.strict:
             raise outcome.failure
         return None if outcome.failure else outcome
-
-
-# Sequences over the pairs of a dive: some of them, with their names, or in groups. Each item is
-# made when asked for.
-
-GROUP = 32
-"""Pairs of a group. A segment with a water of its own begins with one, and has 256 frames or more
-in a dive that needs groups.
-"""
-
-
-def chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pair]:
-    """The pairs that are ``wanted``, in their order."""
-    return Chosen(pairs, array("q", (number for number, pair in enumerate(pairs) if wanted(pair))))
-
-
-@dataclass(frozen=True)
-class NamedPairs(Lazy[tuple[str, Pair]]):
-    """Pairs with their names."""
-
-    pairs: Sequence[Pair]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def item(self, number: int) -> tuple[str, Pair]:
-        """The pair of this number, and its name."""
-        pair = self.pairs[number]
-        return pair.name, pair
-
-
-@dataclass(frozen=True)
-class Groups(Lazy[Sequence[Pair]]):
-    """Groups of neighboring pairs, the same for any number of workers, so that sums are always
-    added in the same order.
-    """
-
-    pairs: Sequence[Pair]
-
-    def __len__(self) -> int:
-        return -(-len(self.pairs) // GROUP)
-
-    def item(self, number: int) -> Sequence[Pair]:
-        """The group of this number."""
-        return self.pairs[number * GROUP : (number + 1) * GROUP]

@@ -21,15 +21,16 @@ from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.frame_facts import capture_facts, color_facts, range_facts
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_for_color
-from stereo_seecolor.records import Capture, Correction, FrameRow, Image, Map, Mask, RangeMap, Water
+from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder import cache
-from stereo_seecolor.run_folder.cache import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.pair_files import (
@@ -436,57 +437,3 @@ def water_keys(waters: Mapping[str, Water]) -> dict[str, str]:
     if len(set(keys.values())) == 1:
         return {"*": next(iter(keys.values()))}
     return {name: keys[id(water)] for name, water in waters.items()}
-
-
-# Numbers of a frame for frames.csv, by column.
-
-MEDIAN_STEP_PX = 4
-"""The median range is taken over every fourth pixel of every fourth row: over all it takes ten
-times as long and is as accurate.
-"""
-
-
-def range_facts(range_map: RangeMap) -> dict[str, float]:
-    """Numbers of a range map; unknown ones are left out.
-
-    coverage: fraction of pixels with a measured range. median_range_m: of those pixels.
-    vertical_px: as in RangeMap.
-    """
-    measured_m = range_map.measured_m
-    facts = {"coverage": float(np.isfinite(measured_m).mean())}
-    sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
-    known_m = sample_m[np.isfinite(sample_m)]
-    facts |= {"median_range_m": float(np.median(known_m))} if known_m.size else {}
-    return facts | (
-        {"vertical_px": range_map.vertical_px} if np.isfinite(range_map.vertical_px) else {}
-    )
-
-
-def color_facts(correction: Correction) -> dict[str, float]:
-    """Numbers of a correction. exposure: gain to display. clipped_fraction, unrecoverable_fraction:
-    of the frame's pixels.
-    """
-    return {
-        "exposure": correction.exposure,
-        "clipped_fraction": correction.clipped_fraction,
-        "unrecoverable_fraction": float(correction.unrecoverable.mean()),
-    }
-
-
-def capture_facts(capture: Capture) -> dict[str, float]:
-    """The exposure that the camera recorded: seconds, gain as a factor (1 = ISO 100), f-number;
-    what is unknown is left out.
-    """
-    facts = {
-        "camera_exposure_s": capture.exposure_s,
-        "camera_gain": capture.gain,
-        "camera_aperture": capture.aperture,
-    }
-    return {name: value for name, value in facts.items() if value is not None}
-
-
-def recorded_capture(facts: Mapping[str, float]) -> Capture:
-    """The exposure that ``capture_facts`` took from a Capture."""
-    return Capture(
-        facts.get("camera_exposure_s"), facts.get("camera_gain"), facts.get("camera_aperture")
-    )

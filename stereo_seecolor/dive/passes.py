@@ -23,24 +23,17 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.sequences import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.dive.dive_run import (
-    DiveRun,
-    Groups,
-    NamedPairs,
-    Outcome,
-    Work,
-    attempt,
-    chosen,
-)
+from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt
+from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frames import (
     color_settings,
     correct_frame,
     count_colors,
     measure_range,
     read_frame,
-    recorded_capture,
     water_keys,
 )
+from stereo_seecolor.dive.pair_sequences import Groups, NamedPairs, chosen
 from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, FrameRow, Water

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.deflate import inflated
 from stereo_seecolor.files.image_marks import PNG_SIGNATURE
 from stereo_seecolor.files.png import AVERAGE, GRAY, PNG_RGB
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.files.tiff import BLACK_IS_ZERO, DEFLATED, FLOAT, FLOATING_POINT, UNCOMPRESSED
+from stereo_seecolor.files.whole_files import read_bytes
 
 COMPRESSION, PREDICTOR, WIDTH, HEIGHT, STRIP, STRIP_BYTES = 259, 317, 256, 257, 273, 279
 FLOAT_GRAY = {258: 32, 262: BLACK_IS_ZERO, 277: 1, 339: FLOAT}

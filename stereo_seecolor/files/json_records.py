@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter
 
 from calibration.bounded_text import load_json
-from stereo_seecolor.files.contained import regular_bytes
+from stereo_seecolor.files.whole_files import regular_bytes
 
 Record = TypeVar("Record")
 

@@ -1,4 +1,4 @@
-"""Points and poses as files: binary PLY, and TUM's lines of poses."""
+"""Binary little-endian PLY: a pair's colored points, and the clouds and meshes of a map."""
 
 from pathlib import Path
 
@@ -7,12 +7,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.contained import special_kind
-from stereo_seecolor.geometry import quaternion
-from stereo_seecolor.records import Image, Map, Trajectory
-
-# Binary little-endian PLY: a pair's colored points, and the clouds and meshes of a map.
+from stereo_seecolor.files.whole_files import special_kind
+from stereo_seecolor.records import Image, Map
 
 POINT = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
 """A point of a pair's cloud."""
@@ -145,31 +141,3 @@ def _fill(range_m, rays, rgb, shift, xyz, colors):  # type: ignore[no-untyped-de
                     xyz[n, i] = rays[row, column, i] * meters
                     colors[n, i] = rgb[row, column, i] >> shift
                 n += 1
-
-
-# TUM trajectories: ``timestamp tx ty tz qx qy qz qw``, seconds and meters, camera to world, w
-# last.
-
-_HEADER = "# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world, meters"
-
-
-def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write one line for each pose, after a comment with the frame's name where it has one. Raises
-    OutputError.
-
-    A pose without time gets its number as time.
-    """
-    times = np.where(
-        np.isfinite(trajectory.timestamps_s),
-        trajectory.timestamps_s,
-        np.arange(len(trajectory.names)),
-    )
-    lines = [_HEADER]
-    for name, time_s, T in zip(trajectory.names, times, trajectory.T_world_camera, strict=True):
-        lines += [f"# {name}"] if name else []
-        lines.append(f"{time_s:.6f} " + " ".join(f"{value:.9f}" for value in _numbers(T)))
-    write_atomic(path, ("\n".join(lines) + "\n").encode())
-
-
-def _numbers(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.concatenate([T[:3, 3], quaternion(T[:3, :3])])

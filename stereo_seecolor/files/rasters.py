@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import special_kind
+from stereo_seecolor.files.whole_files import special_kind
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO"}
 """GDAL looks for no file beside the raster, such as one with its overviews."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from calibration.bounded_text import YAML_ERRORS, decode_text, load_json, load_yaml
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
+from stereo_seecolor.files.whole_files import read_bytes
 
 
 def read_text(path: Path) -> str:

@@ -11,8 +11,8 @@ from pathlib import Path
 from calibration.errors import counted
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import entry_problem
 from stereo_seecolor.files.names import natural_key, product_name, sort_naturally, stem_of
+from stereo_seecolor.files.whole_files import entry_problem
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.patterns import (
     fits,

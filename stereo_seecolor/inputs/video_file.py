@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.files.contained import special_kind
+from stereo_seecolor.files.whole_files import special_kind
 from stereo_seecolor.inputs.decoding import MAX_PIXELS
 
 SOUND_RATE_HZ = 8000

@@ -10,7 +10,7 @@ import numpy as np
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.files.csv_tables import guarded
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.placing import PlacedSurvey
 from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name

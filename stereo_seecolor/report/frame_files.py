@@ -17,10 +17,11 @@ from calibration import CalibrationError, Rectification, RectifiedPair
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
-from stereo_seecolor.files.contained import is_there, read_bytes
+from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
+from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import FrameRow, Image, Map

@@ -21,7 +21,7 @@ from stereo_seecolor.report.frame_files import Files, Pixels, contents_of
 from stereo_seecolor.report.overview import NAMED_FRAMES, Fact, RowFacts, judge_so_far
 from stereo_seecolor.report.texts import STATIC, filled_in, length, phrase
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import FrameTable
+from stereo_seecolor.run_folder.frame_table import FrameTable
 from stereo_seecolor.run_folder.layout import INDEX, PAGE, page_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 

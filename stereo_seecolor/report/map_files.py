@@ -24,7 +24,7 @@ from stereo_seecolor.report.range_code import height_std_m, height_tiles
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
 from stereo_seecolor.report.squares import Squares
 from stereo_seecolor.report.texts import script
-from stereo_seecolor.run_folder.finished_run import FinishedMap
+from stereo_seecolor.run_folder.finished_map import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun

@@ -33,8 +33,10 @@ from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.squares import FILE, Squares, squares_of
 from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.report.texts import digits, duration, length, phrase
-from stereo_seecolor.run_folder.finished_run import FinishedMap, FinishedRun, open_map
-from stereo_seecolor.run_folder.frames_csv import Problem, problems_of, read_frames
+from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
+from stereo_seecolor.run_folder.finished_run import FinishedRun
+from stereo_seecolor.run_folder.frame_table import Problem, problems_of
+from stereo_seecolor.run_folder.frames_csv import read_frames
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.run_folder.water_file import read_waters

@@ -31,7 +31,8 @@ from stereo_seecolor.report.overview import (
     methods,
 )
 from stereo_seecolor.report.texts import STATIC, filled_in, phrase, script, texts
-from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, TrackPoint
+from stereo_seecolor.run_folder.finished_map import TrackPoint
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE
 from stereo_seecolor.run_folder.manifest import FrameRecord

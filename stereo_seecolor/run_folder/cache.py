@@ -5,14 +5,11 @@ Each file begins with the hash of what its content was made from; the content is
 that is damaged, or of another hash, is as if it were not there.
 """
 
-import contextlib
 import hashlib
-import platform
 import re
-import shutil
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +19,17 @@ from calibration.formats import native
 from calibration.formats.reading.section import Section
 from calibration.rig_errors import RangeError
 from stereo_seecolor.compute.sequences import Names
-from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import (
-    TEMPORARY_PREFIX,
     files_below,
-    remove_leftovers,
     write_replaceable,
 )
-from stereo_seecolor.files.contained import regular_bytes
 from stereo_seecolor.files.json_records import Record, as_record
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
-from stereo_seecolor.records import Image, Map, Mask
-from stereo_seecolor.run_folder.layout import WATER, cache_file, scratch_folder
+from stereo_seecolor.files.whole_files import regular_bytes
+from stereo_seecolor.run_folder.layout import WATER, cache_file
 from stereo_seecolor.run_folder.water_file import read_waters
 from stereo_seecolor.water.model import Water
 
@@ -293,124 +285,3 @@ def _plan_key(pairs: int, config: RunConfig) -> str:
 def used_bytes(root: Path) -> int:
     """Sum the sizes of all files of OUT."""
     return sum(path.stat().st_size for path in files_below(root))
-
-
-# Pixels that a later pass over the dive needs, so that no input is decoded and rectified twice.
-
-
-@dataclass(frozen=True)
-class KeptPixelsLimits:
-    """Limits of memory and disk."""
-
-    memory_bytes: int = (
-        160 << 20
-        # 16 frames of 1.3 megapixels; reading one back from a file takes 4 ms where decoding takes
-        # 30
-    )
-    free_disk_bytes: int = 4 << 30  # no files where less is free: OUT itself needs it
-
-
-LIMITS = KeptPixelsLimits()
-
-
-@dataclass(frozen=True, eq=False)
-class FramePixels:
-    """A rectified left image; its ranges and which of them were measured, None where they must be
-    read from OUT.
-    """
-
-    image: Image
-    range_m: Map | None = None
-    measured: Mask | None = None
-
-    def alone(self) -> "FramePixels":
-        """Copy the ranges out of the larger block of memory that a match allocates, so that the
-        block is freed.
-        """
-        return replace(self, range_m=None if self.range_m is None else self.range_m.copy())
-
-    @property
-    def size(self) -> int:
-        """The bytes that it takes in memory."""
-        return sum(
-            array.nbytes for array in (self.image, self.range_m, self.measured) if array is not None
-        )
-
-
-class KeptPixels:
-    """Pixels of frames, each under the hash of what they were made from.
-
-    All processes of the run on this machine share the files: a process that does not hold OUT keeps
-    pixels in files only, as a later pass may run in any process. A process of another machine keeps
-    nothing: its file would cross the network twice.
-    """
-
-    def __init__(self, root: Path | None, in_memory: bool = True) -> None:
-        self._root, self._in_memory = root, in_memory
-        self._lock = Lock()
-        self._memory: dict[tuple[str, str], FramePixels] = {}
-        self._bytes = 0
-
-    def __reduce__(
-        self,
-    ) -> tuple[Callable[[Path | None, str], "KeptPixels"], tuple[Path | None, str]]:
-        return KeptPixels.on_worker, (self._root, platform.node())
-
-    @classmethod
-    def on_worker(cls, root: Path | None, host: str) -> "KeptPixels":
-        """Open the pixels in another process. host: the machine of the process that holds OUT."""
-        return cls(root if host == platform.node() else None, in_memory=False)
-
-    def keep(self, name: str, key: str, pixels: FramePixels) -> None:
-        """Keep a frame's pixels if there is room; frames that came first stay."""
-        if self._root is None:
-            return
-        with self._lock:
-            if (name, key) in self._memory:
-                return
-            fits = self._in_memory and self._bytes + pixels.size <= LIMITS.memory_bytes
-            if fits:
-                self._memory[name, key] = pixels.alone()
-                self._bytes += pixels.size
-        if not fits:
-            self._write(self._file(self._root, name, key), pixels.image)
-
-    def find(self, name: str, key: str) -> FramePixels | None:
-        """Look up a frame's pixels; None where they are not kept."""
-        found = self._memory.get((name, key))
-        if found is not None or self._root is None:
-            return found
-        images = read_arrays(self._file(self._root, name, key), 1)
-        return FramePixels(images[0]) if images else None
-
-    def drop(self, name: str, key: str) -> None:
-        """Delete the pixels of a frame that no later pass needs."""
-        with self._lock:
-            dropped = self._memory.pop((name, key), None)
-            self._bytes -= dropped.size if dropped else 0
-        if dropped is None and self._root is not None:
-            with contextlib.suppress(OSError):
-                self._file(self._root, name, key).unlink()
-
-    def clear(self) -> None:
-        """Delete all pixels, of all processes."""
-        self._memory.clear()
-        self._bytes = 0
-        if self._root is not None:
-            remove_leftovers(scratch_folder(self._root))
-            with contextlib.suppress(OSError):
-                scratch_folder(self._root).rmdir()
-
-    @staticmethod
-    def _file(root: Path, name: str, key: str) -> Path:
-        """Named as a temporary file, which the next run removes where this one is killed."""
-        return scratch_folder(root) / f"{TEMPORARY_PREFIX}{content_key(name, key)}.npy"
-
-    @staticmethod
-    def _write(file: Path, image: Image) -> None:
-        with contextlib.suppress(OSError):  # a full disk: it is decoded again
-            if file.exists():
-                return
-            file.parent.mkdir(exist_ok=True)
-            if shutil.disk_usage(file.parent).free >= LIMITS.free_disk_bytes:
-                write_arrays(file, [image])

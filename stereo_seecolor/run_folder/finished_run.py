@@ -1,6 +1,5 @@
 """A finished run read back: its settings, rig, frames and products, as the run recorded them."""
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,12 +20,11 @@ from calibration.rig_errors import RangeError
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
-from stereo_seecolor.files.csv_tables import table_rows
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.json_records import as_record, load_object
-from stereo_seecolor.records import GeoOrigin, Map
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE, MAP, RIG, RUN, WATER
+from stereo_seecolor.files.json_records import as_record
+from stereo_seecolor.files.whole_files import read_bytes
+from stereo_seecolor.records import Map
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
@@ -406,123 +404,3 @@ def _geometry(content: dict[str, Any]) -> dict[str, Any]:
         "geometry": RectifiedPair(**geometry),
         "T_rectified_left": np.array(content["T_rectified_left"], dtype=np.float64),
     }
-
-
-# OUT/map read back: the poses of its frames, and the metrics of its site.
-
-LONGEST_M = 1000.0
-"""Of a voxel or a cell: more is damage."""
-
-
-@dataclass(frozen=True)
-class TrackPoint:
-    """The position of a frame's rectified left camera, meters in the map's world; residuals are
-    None where no poses were given.
-    """
-
-    name: str
-    timestamp_s: float | None
-    x_m: float
-    y_m: float
-    z_m: float
-    position_residual_m: float | None
-    attitude_residual_deg: float | None
-
-
-@dataclass(frozen=True)
-class FinishedMap:
-    """The main component of a map, in ``folder``.
-
-    track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that
-    the map shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name.
-    offset_m: (3,), what to add to the map's own coordinates to get those of its world. pieces:
-    number of further components. origin: of x and y on Earth. range_scale: how many times as long
-    ranges are in the map than in the frames' files.
-    """
-
-    folder: Path
-    track: tuple[TrackPoint, ...]
-    site: dict[str, float]
-    area_m2: float | None
-    cell_m: dict[str, float]
-    offset_m: list[float]
-    pieces: int
-    origin: GeoOrigin | None = None
-    range_scale: float = 1.0
-
-
-def open_map(out: Path) -> FinishedMap | None:
-    """Read the map of a run; None where there is none. Raises InputError if it is damaged."""
-    folder = out / MAP
-    if not (folder / "map.json").is_file():
-        return None
-    try:
-        description = load_object(folder / "map.json")
-        cell_m = {
-            name: _length(name, description[name])
-            for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")
-        }
-        squares = _rows(folder / "reef_metrics.csv")
-        site = next((_numbers(row) for row in squares if row["square"] == "site"), {})
-        return FinishedMap(
-            folder=folder,
-            track=tuple(_point(row) for row in _rows(folder / "poses.csv")),
-            site=site,
-            area_m2=float(description["area_m2"]) if "area_m2" in description else None,
-            cell_m=cell_m,
-            offset_m=_place(description["offset_m"]),
-            pieces=len(list(folder.glob("piece_*"))),
-            origin=as_record(GeoOrigin, description["origin"]) if description["origin"] else None,
-            range_scale=_length("range_scale", description.get("range_scale", 1)),
-        )
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
-        raise InputError(
-            f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}"
-        ) from error
-
-
-def track_points(out: Path) -> tuple[TrackPoint, ...]:
-    """Read the positions of the frames of all components of a map; none where there is no map, or
-    it is damaged.
-    """
-    try:
-        return tuple(
-            _point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path)
-        )
-    except (OSError, ValueError, KeyError, TypeError):
-        return ()
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    return list(table_rows(path.read_bytes())) if path.is_file() else []
-
-
-def _length(name: str, value: Any) -> float:
-    if not 0 < (number := float(value)) < LONGEST_M:
-        raise ValueError(f"a {name} of {number:g}")
-    return number
-
-
-def _place(values: Any) -> list[float]:
-    found = [float(value) for value in values]
-    if len(found) != 3 or not all(map(math.isfinite, found)):
-        raise ValueError("a position that is not three numbers")
-    return found
-
-
-def _numbers(row: dict[str, str]) -> dict[str, float]:
-    return {key: float(value) for key, value in row.items() if key != "square" and value}
-
-
-def _point(row: dict[str, str]) -> TrackPoint:
-    number = {key: float(value) if value else None for key, value in row.items() if key != "name"}
-    x_m, y_m, z_m = _place(row[key] for key in ("x_m", "y_m", "z_m"))
-    return TrackPoint(
-        row["name"],
-        number["timestamp_s"],
-        x_m,
-        y_m,
-        z_m,
-        number["position_residual_m"],
-        number["attitude_residual_deg"],
-    )

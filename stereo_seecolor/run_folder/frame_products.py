@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
 from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.run_folder.input_records import input_record
 from stereo_seecolor.run_folder.layout import (
     PAGE,
     Stage,
@@ -17,13 +18,7 @@ from stereo_seecolor.run_folder.layout import (
     table_file,
 )
 from stereo_seecolor.run_folder.lease import check_lease
-from stereo_seecolor.run_folder.manifest import (
-    FrameRecord,
-    InputRecord,
-    Manifest,
-    StageRecord,
-    input_record,
-)
+from stereo_seecolor.run_folder.manifest import FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours
 from stereo_seecolor.run_folder.stamp import Stamp
 from stereo_seecolor.run_folder.written_frames import WrittenFrames

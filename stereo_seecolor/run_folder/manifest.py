@@ -6,16 +6,14 @@ have: so, whenever the program is killed, each file in a product's place is eith
 manifest or somebody else's.
 """
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, write_atomic
-from stereo_seecolor.files.contained import contained, read_bytes
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.layout import Stage, record_subfolder, state
 from stereo_seecolor.run_folder.own_paths import (
@@ -23,7 +21,7 @@ from stereo_seecolor.run_folder.own_paths import (
     check_own_paths,
     check_product_paths,
 )
-from stereo_seecolor.run_folder.stamp import DIGEST_BYTES, Stamp
+from stereo_seecolor.run_folder.stamp import Stamp
 
 FORMAT, VERSION = "stereo-seecolor/manifest", 2
 SPREAD = "spread"
@@ -256,28 +254,3 @@ def _stage(name: Any) -> Stage:
         raise ValueError(f"{name!r} is not a stage")
     stage: Stage = name
     return stage
-
-
-# The input files of a frame as the manifest records them: path, stamp, hash.
-
-
-def input_record(path: Path, known: InputRecord | None) -> InputRecord:
-    """Record a file with its hash; that of ``known`` is taken where size and time are the same.
-    Raises InputError if it cannot be read.
-    """
-    try:
-        inner = contained(path)
-        status = (inner.outer if inner else path).stat()
-        same_name = inner is None or (known is not None and known.path.endswith(inner.name))
-        if (
-            known
-            and same_name
-            and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns)
-        ):
-            return replace(known, path=str(path))
-        sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
-        return InputRecord(
-            str(path), Stamp(status.st_size, status.st_mtime_ns, sha256[: 2 * DIGEST_BYTES]), sha256
-        )
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

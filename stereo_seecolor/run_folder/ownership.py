@@ -11,8 +11,8 @@ from typing import Protocol
 from stereo_seecolor.compute.sequences import Names
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below
-from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.names import is_log
+from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     INDEX,

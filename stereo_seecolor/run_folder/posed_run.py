@@ -12,13 +12,8 @@ from calibration import RectifiedPair
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import inverse, pose, rotation_from_quaternion
 from stereo_seecolor.records import GeoOrigin, Map
-from stereo_seecolor.run_folder.finished_run import (
-    FinishedFrame,
-    FinishedMap,
-    FinishedRun,
-    open_map,
-    open_run,
-)
+from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 

@@ -19,16 +19,12 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.finished_run import RUN_VERSION, track_points
+from stereo_seecolor.run_folder.current_frames import CurrentFrames
+from stereo_seecolor.run_folder.finished_map import track_points
+from stereo_seecolor.run_folder.finished_run import RUN_VERSION
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import (
-    CurrentFrames,
-    FrameTable,
-    ProductSummary,
-    RunSummary,
-    frames_csv,
-    with_residuals,
-)
+from stereo_seecolor.run_folder.frame_table import FrameTable, ProductSummary, RunSummary
+from stereo_seecolor.run_folder.frames_csv import frames_csv, with_residuals
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     FRAMES_TABLE,

@@ -9,9 +9,7 @@ from pathlib import Path
 from stereo_seecolor.files.atomic import write_replaceable
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.frames_csv import (
-    RunSummary,
-)
+from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import (
     progress_file,
 )

@@ -16,7 +16,7 @@ import pytest
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.view import report
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.evaluation.evaluate_run import evaluate_spread

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from conftest import CopyRun, Dive
 
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.run_folder.folder import RunFolder

@@ -32,11 +32,12 @@ from hypothesis.stateful import (
 )
 
 from calibration import CalibrationError
-from stereo_seecolor.cli.report import logging_to
-from stereo_seecolor.commands.calibrate import calibrate, convert_calib
+from stereo_seecolor.cli.log import logging_to
+from stereo_seecolor.commands.calibrate import calibrate
+from stereo_seecolor.commands.convert_calib import convert_calib
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import correct, range_maps, rectify, run
-from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError

@@ -18,7 +18,7 @@ from calibration.formats import load_rig, write_rig
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig, matches_of
 from stereo_seecolor.checks.sample import neighbors
-from stereo_seecolor.commands.calibrate import check
+from stereo_seecolor.commands.check import check
 from stereo_seecolor.commands.dive_rig import pairs_of
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.pipeline import Pipeline

@@ -15,7 +15,7 @@ from calibration.formats import load_rig, load_rig_of_images
 from calibration.geometry import rigid
 from calibration.resizing import resized_rig, wrong_size
 from calibration.rig import quarter_turn
-from stereo_seecolor.commands.calibrate import convert_calib
+from stereo_seecolor.commands.convert_calib import convert_calib
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import StereoFrame

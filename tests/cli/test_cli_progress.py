@@ -173,9 +173,9 @@ def test_verbose_is_the_log_on_standard_error(make_dive, cli: Cli, tmp_path: Pat
 def test_an_unknown_error_keeps_its_traceback_in_the_log(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from stereo_seecolor.commands import calibrate
+    from stereo_seecolor.commands import check
 
-    monkeypatch.setattr(calibrate, "check", lambda *_: 1 / 0)
+    monkeypatch.setattr(check, "check", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         cli("check", "--left", "L", "--right", "R", "--calib", "c", "--log-file", tmp_path / "log")
     assert "ZeroDivisionError" in (tmp_path / "log").read_text()

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.cli.output import quiet_libraries
+from stereo_seecolor.cli.quiet import quiet_libraries
 
 
 def with_bad_profile(image: np.ndarray) -> bytes:

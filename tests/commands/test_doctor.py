@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.cli.look_commands import doctor_text
+from stereo_seecolor.cli.machine_commands import doctor_text
 from stereo_seecolor.commands import doctor as module
 from stereo_seecolor.commands.doctor import CORE, EXTRAS, Library, doctor, examine
 

@@ -18,7 +18,7 @@ from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocent
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.export import tiles_3d
 from stereo_seecolor.extras.reef.markers import open_posed_run
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import crs_name, crs_wkt, in_utm, utm_of

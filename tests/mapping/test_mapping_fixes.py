@@ -16,7 +16,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.navigation.fixes import at_fixes, fit_to_fixes
 from stereo_seecolor.mapping.survey import Placement

@@ -37,8 +37,8 @@ from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import FrameError, InputError, MappingError, OutputError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import (
     DISPARITY_STD_PX,
     estimated_range_std_m,

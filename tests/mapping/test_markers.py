@@ -17,7 +17,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.control_points import control_fit

@@ -19,8 +19,8 @@ from conftest import REEF, Cli, CopyRun, Dive, SampleRun, command, contents
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
 from calibration.rig_errors import RigErrors
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError

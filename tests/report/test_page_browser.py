@@ -32,15 +32,15 @@ from playwright.sync_api import (
 
 from stereo_seecolor.color.white_point import white_errors, with_white
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.measure import measure
-from stereo_seecolor.files.ply import write_tum
 from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Water
 from stereo_seecolor.report.map_mesh import RIM_SHADE, MeshSizes
 

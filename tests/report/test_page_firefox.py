@@ -12,8 +12,8 @@ from conftest import Dive
 from firefox import firefox
 from test_page_browser import RANGES_ARE_READ
 
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.view import report
 from stereo_seecolor.config.file import load_config
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

@@ -15,7 +15,7 @@ import pytest
 from mapping_scene import CONFIG, PAIR, flat_frames, write_map
 
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.view import report
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.mapping.surface.small_holes import boundary, closed
 from stereo_seecolor.report.map_images import levels, pyramid

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.records import Image
-from stereo_seecolor.run_folder import cache
-from stereo_seecolor.run_folder.cache import FramePixels, KeptPixels, KeptPixelsLimits
+from stereo_seecolor.run_folder import kept_pixels
+from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels, KeptPixelsLimits
 from stereo_seecolor.run_folder.layout import STATE, scratch_folder
 
 RNG = np.random.default_rng(4)
@@ -27,7 +27,9 @@ def pixels() -> FramePixels:
 @pytest.fixture
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> KeptPixels:
     """Two frames fit into memory."""
-    monkeypatch.setattr(cache, "LIMITS", KeptPixelsLimits(memory_bytes=2 * SIZE, free_disk_bytes=0))
+    monkeypatch.setattr(
+        kept_pixels, "LIMITS", KeptPixelsLimits(memory_bytes=2 * SIZE, free_disk_bytes=0)
+    )
     (tmp_path / STATE).mkdir()
     return KeptPixels(tmp_path)
 
@@ -69,7 +71,9 @@ def test_a_removed_file_is_not_kept(kept: KeptPixels, tmp_path: Path) -> None:
 def test_a_full_disk_keeps_nothing_on_it(
     kept: KeptPixels, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cache, "LIMITS", KeptPixelsLimits(memory_bytes=0, free_disk_bytes=1 << 62))
+    monkeypatch.setattr(
+        kept_pixels, "LIMITS", KeptPixelsLimits(memory_bytes=0, free_disk_bytes=1 << 62)
+    )
     kept.keep("0", "key", pixels())
     assert kept.find("0", "key") is None
 

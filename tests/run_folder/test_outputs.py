@@ -30,7 +30,8 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.files.png import _file, encode_png
 from stereo_seecolor.records import FrameRow, Water
-from stereo_seecolor.run_folder.frames_csv import FrameTable, RunSummary, frames_csv
+from stereo_seecolor.run_folder.frame_table import FrameTable, RunSummary
+from stereo_seecolor.run_folder.frames_csv import frames_csv
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 RNG = np.random.default_rng(1)

@@ -20,7 +20,7 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import Manifest

@@ -22,10 +22,11 @@ from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, build_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
-from stereo_seecolor.files.ply import VERTEX, write_tum
+from stereo_seecolor.files.ply import VERTEX
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, product_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.ownership import FolderRequest, Owner

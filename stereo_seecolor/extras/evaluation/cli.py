@@ -10,8 +10,8 @@ import typer
 from calibration.errors import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
-from stereo_seecolor.cli.output import lines, table
 from stereo_seecolor.cli.report import LoggedReport
+from stereo_seecolor.cli.text import lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.evaluation.charts.scores import ChartReport

@@ -9,7 +9,7 @@ from pathlib import Path
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.color.response.response import standard_config
-from stereo_seecolor.commands.fuse import RawImages
+from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.other_results import OtherResults

@@ -13,7 +13,7 @@ from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.observations import KeyFrame, find_observations
 from stereo_seecolor.color.render.carried import carry_ranges
-from stereo_seecolor.commands.fuse import RawImages
+from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig

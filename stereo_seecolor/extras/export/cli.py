@@ -8,8 +8,8 @@ import typer
 from calibration.errors import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
-from stereo_seecolor.cli.output import lines
 from stereo_seecolor.cli.report import BareReport
+from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.export.command import ExportResult

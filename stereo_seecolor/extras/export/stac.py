@@ -11,7 +11,8 @@ from typing import Any
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.run_folder.finished_run import FinishedMap, FinishedRun, open_map, open_run
+from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import (
     CLOUD,
     FRAMES_TABLE,

@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
-from stereo_seecolor.commands.view import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
@@ -31,7 +31,7 @@ from stereo_seecolor.extras.fleet.campaign_states import (
 )
 from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
 from stereo_seecolor.files.text_documents import read_yaml
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 
 WATERS = "waters"
 RESERVED = {WATERS, RECORDS, TABLE, STATES, Path(COLLECTION).stem}

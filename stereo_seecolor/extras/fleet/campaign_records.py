@@ -12,7 +12,7 @@ from calibration import CalibrationError
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.export import ifdo, stac
 from stereo_seecolor.extras.fleet.campaign_files import write_own
-from stereo_seecolor.run_folder.finished_run import open_map
+from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 RECORDS, COLLECTION = "records", "collection.json"

@@ -11,9 +11,10 @@ from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
-from stereo_seecolor.cli.output import duration, lines, table
 from stereo_seecolor.cli.report import BareReport, LoggedReport, Report, computing
-from stereo_seecolor.cli.results import page_text, run_content, run_exit_code, run_text
+from stereo_seecolor.cli.result_texts import page_text, run_text
+from stereo_seecolor.cli.results import run_content, run_exit_code
+from stereo_seecolor.cli.text import duration, lines, table
 from stereo_seecolor.run_folder.layout import INDEX
 
 if TYPE_CHECKING:

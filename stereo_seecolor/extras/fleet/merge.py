@@ -24,7 +24,7 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import Numbers, Water
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state
 from stereo_seecolor.run_folder.shard_part import Part
 from stereo_seecolor.run_folder.water_file import waters_content

@@ -22,7 +22,7 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.cache import KeptPlan
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.replaced_results import refuse_inputs
 from stereo_seecolor.run_folder.run_progress import USUAL
 

@@ -11,7 +11,8 @@ from typing import Literal
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.extras.fleet.campaign_states import load_states
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.frames_csv import RunSummary, read_rows
+from stereo_seecolor.run_folder.frame_table import RunSummary
+from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 from stereo_seecolor.run_folder.lease import writer
 from stereo_seecolor.run_folder.manifest import Manifest

@@ -8,8 +8,8 @@ import typer
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.output import lines, table
 from stereo_seecolor.cli.report import BareReport
+from stereo_seecolor.cli.text import lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.compare import Comparison

@@ -19,7 +19,7 @@ from stereo_seecolor.extras.reef.outlines import read_outlines
 from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_of
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder, refuse_filled
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.mapping.raster.structure import structure

@@ -11,7 +11,7 @@ from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.extras.reef.metric_tables import write_tables
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder, refuse_filled
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.marker_detection import MarkerDetector

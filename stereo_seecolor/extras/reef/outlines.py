@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from calibration.bounded_text import load_json
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself
-from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.rasters import open_raster
+from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.layout import MOSAIC

@@ -9,8 +9,9 @@ from calibration.errors import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.output import lines, write_error
+from stereo_seecolor.cli.output import write_error
 from stereo_seecolor.cli.report import LoggedReport
+from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.streams.bag_inputs import BagFacts

@@ -10,7 +10,7 @@ from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
 from stereo_seecolor.extras.evaluation.truth import TruthReport
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.extras.synthetic.synthesize import synthesize
-from stereo_seecolor.run_folder.frames_csv import RunSummary
+from stereo_seecolor.run_folder.frame_table import RunSummary
 
 DEMO_PAIRS = 4
 

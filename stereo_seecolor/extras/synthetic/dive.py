@@ -20,7 +20,7 @@ from stereo_seecolor.extras.synthetic.waters import WATER_NAMES
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.free_places import refuse_filled
 from stereo_seecolor.files.json_records import load_object
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import Water
 
 _FOLDERS = {

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from calibration.bounded_text import decode_text
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import read_bytes
 from stereo_seecolor.files.csv_tables import is_unit, split_fields
+from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.inputs.trajectories.foreign import named_by_begin
 from stereo_seecolor.inputs.trajectories.numpy_poses import is_numpy, of_numpy
 from stereo_seecolor.inputs.trajectories.times import is_unknown

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.cli.output import table
+from stereo_seecolor.cli.text import table
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import OURS
 from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts

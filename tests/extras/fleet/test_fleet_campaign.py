@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.cli.results import run_text
+from stereo_seecolor.cli.result_texts import run_text
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions

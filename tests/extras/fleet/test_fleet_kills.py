@@ -57,7 +57,7 @@ def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(
     make_dive, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.setattr("stereo_seecolor.dive.passes.LONG_DIVE", 2)
-    monkeypatch.setattr("stereo_seecolor.dive.dive_run.GROUP", 2)
+    monkeypatch.setattr("stereo_seecolor.dive.pair_sequences.GROUP", 2)
     dive = make_dive(6)
     (dive.root / "R/0003.png").write_bytes(b"")
     sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")

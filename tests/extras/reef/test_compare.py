@@ -40,7 +40,7 @@ from stereo_seecolor.extras.reef.site_surface import SiteMesh, open_site
 from stereo_seecolor.extras.synthetic.reef import Reef
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.ply import write_tum
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid

@@ -40,7 +40,8 @@ from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
 from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.report.texts import digits, phrase
-from stereo_seecolor.run_folder.finished_run import open_map, open_run
+from stereo_seecolor.run_folder.finished_map import open_map
+from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 CELL_M = 0.01

@@ -26,8 +26,8 @@ from stereo_seecolor.extras.streams.bags.source import (
     Place,
     decompress,
 )
-from stereo_seecolor.files.contained import special_kind
 from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.files.whole_files import special_kind
 
 SUFFIXES = frozenset({".bag", ".active", ".db3", ".mcap"})
 """``.bag.active``: what ROS 1 calls a bag that is being recorded, or was when the power went."""

@@ -1,0 +1,53 @@
+"""Convert a calibration into another format."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
+from calibration.resizing import resized_rig
+from calibration.suspicions import suspicions
+from stereo_seecolor.files.free_places import refuse_existing
+from stereo_seecolor.run_folder.own_paths import refuse_own_place
+
+
+@dataclass(frozen=True)
+class ConvertedCalibration:
+    """A calibration that was written. baseline_m: of the rig; it shows a wrong unit. notes: a line
+    on each guess.
+    """
+
+    source: str
+    out: str
+    format: WritableFormat
+    baseline_m: float
+    notes: tuple[str, ...] = ()
+
+
+def convert_calib(
+    source: str,
+    out: str | Path,
+    to: WritableFormat = "native",
+    size: str | None = None,
+    resize: str | None = None,
+) -> ConvertedCalibration:
+    """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the
+    same.
+
+    size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that
+    were binned or resized since.
+    out: new. Raises CalibrationError, OutputError.
+    """
+    refuse_own_place(*paths_of(out, to))
+    refuse_existing(*paths_of(out, to))
+    rig = load_rig(source, parse_size(size) if size else None)
+    if resize:
+        rig = resized_rig(rig, parse_size(resize))
+    write_rig(rig, out, to)
+    notes = list(suspicions(replace(rig, alternatives=())))
+    if rig.alternatives:
+        notes.append(
+            f"{rig.reading}: used, but the file can be read in {len(rig.alternatives) + 1} ways: "
+            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' "
+            "lets images of the dive decide"
+        )
+    return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))

@@ -1,0 +1,36 @@
+"""TUM trajectories: ``timestamp tx ty tz qx qy qz qw``, seconds and meters, camera to world, w
+last.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.geometry import quaternion
+from stereo_seecolor.records import Trajectory
+
+_HEADER = "# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world, meters"
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """Write one line for each pose, after a comment with the frame's name where it has one. Raises
+    OutputError.
+
+    A pose without time gets its number as time.
+    """
+    times = np.where(
+        np.isfinite(trajectory.timestamps_s),
+        trajectory.timestamps_s,
+        np.arange(len(trajectory.names)),
+    )
+    lines = [_HEADER]
+    for name, time_s, T in zip(trajectory.names, times, trajectory.T_world_camera, strict=True):
+        lines += [f"# {name}"] if name else []
+        lines.append(f"{time_s:.6f} " + " ".join(f"{value:.9f}" for value in _numbers(T)))
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def _numbers(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([T[:3, 3], quaternion(T[:3, :3])])
