@@ -101,7 +101,7 @@ def test_where_a_slip_begins_is_named(make_dive, lost: str, short: str) -> None:
     (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
     assert (
         f"from {pairs[3].name} to {pairs[-1].name} (5 pairs that failed) left and right are 1 "
-        "image out of step" in note
+        "image out of synchronization" in note
     )
     assert f"{short} lacks 1 image before {pairs[3].name}" in note
 

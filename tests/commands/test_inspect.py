@@ -84,7 +84,9 @@ def test_images_that_are_damaged_or_of_another_size_are_named_and_the_others_tes
     assert found.calibration.rows is not None
     _, damaged, other = found.problems
     assert "L/0000.png" in damaged
-    assert f"{turned}: is 128x176 px, and most images are 176x128 px: turned by a quarter" in other
+    assert (
+        f"{turned}: is 128x176 px, and most images are 176x128 px: rotated by 90 degrees" in other
+    )
 
 
 @pytest.mark.slow

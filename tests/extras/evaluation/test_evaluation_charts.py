@@ -259,7 +259,7 @@ def test_wrong_folders_of_other_tools(
         r"to score is 'a'",
     ):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "renamed"])
-    with pytest.raises(InputError, match=r"twice/a\.png: a\.jpg is an image of that name too"):
+    with pytest.raises(InputError, match=r"twice/a\.png: a\.jpg has the same name"):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "twice"])
     with pytest.raises(InputError, match="the folder of corrected images does not exist"):
         evaluate_charts(*folders, others=[tmp_path / "nowhere"])

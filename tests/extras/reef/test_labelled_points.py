@@ -84,7 +84,7 @@ def test_cover_is_counted_by_label_and_written(fused: Path, tmp_path: Path) -> N
     ]
     table = (tmp_path / "to/point_cover.csv").read_text().splitlines()
     assert table[0] == "label,points,fraction,low,high" and len(table) == 3
-    assert "where the map shows nothing" not in metrics_text(result)
+    assert "in gaps of the map" not in metrics_text(result)
     assert "in gaps of the map: 3" in metrics_text(replace(result, unseen_points=3))
 
 
