@@ -452,7 +452,8 @@ def test_a_point_that_is_dragged_is_measured_anew(
     saved.value.save_as(tmp_path / "points.csv")
     (dragged,), (theirs,) = stored(page), measure(out, tmp_path / "points.csv")
     assert dragged["places"] == [pytest.approx([60, 40], abs=0.6), pytest.approx([90, 70], abs=0.6)]
-    assert dragged["value"] == pytest.approx(theirs.value, rel=3e-4)
+    # the page holds each range to a sixth of its standard error
+    assert dragged["value"] == pytest.approx(theirs.value, abs=theirs.std / 6)
     assert abs(dragged["value"] - before_m) > 0.01
 
 
@@ -1185,7 +1186,7 @@ def test_an_outline_that_crosses_itself_is_kept_so_that_a_corner_can_be_moved(on
         expect(dots).to_have_count(count)
     finish = on_map.locator("#map").get_by_role("button", name="Finish")
     finish.click()
-    expect(on_map.locator("#map .measuring .readout")).to_contain_text("crosses itself")
+    expect(on_map.locator("#map .measuring .readout").first).to_contain_text("crosses itself")
     expect(dots).to_have_count(4)
     on_map.locator("#map").get_by_role("button", name="Undo").click()
     expect(dots).to_have_count(3)
