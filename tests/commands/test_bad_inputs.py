@@ -266,7 +266,7 @@ def test_a_pair_of_the_same_picture_fails_alone(make_dive, cli, tmp_path) -> Non
     names[1].write_bytes(names[0].read_bytes())
     code, printed, _ = cli(*dive.command(tmp_path / "out"))
     assert code == 3
-    assert "are the same picture" in printed and "2 pairs done, 1 failed" in printed
+    assert "are the same image" in printed and "2 pairs done, 1 failed" in printed
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
     code, printed, said = cli("sync", left, right)
     assert code == 0, said
     for word in (
-        "by motion and sound and flash",
+        "from motion and sound and flash",
         "motion: -0.",
         "pairs of frames",
         f"run --left {left}",
@@ -195,7 +195,7 @@ def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     assert [pair.timestamp_s for pair in pairing.pairs] == pytest.approx(
         np.arange(0, 180, 20) / RATE_HZ, abs=1e-9
     )
-    assert "by motion" in pairing.notes[0]
+    assert "from motion" in pairing.notes[0]
 
 
 def rig() -> StereoRig:
@@ -239,7 +239,7 @@ def test_a_calibration_is_used_as_evidence(tmp_path: Path, cli) -> None:
     )
     code, printed, said = cli("sync", left, right, "--calib", sizeless)
     assert code == 0, said
-    assert "by motion and rows" in printed
+    assert "from motion and rows" in printed
     other = replace(
         rig(),
         left=replace(rig().left, image_size=(640, 480)),
