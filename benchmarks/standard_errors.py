@@ -26,6 +26,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.extras.reef.colony import RIM_CELLS, Colony, measure_outlines
 from stereo_seecolor.extras.reef.compare import compare
+from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,
@@ -36,7 +37,6 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.measure import surface_of
-from stereo_seecolor.extras.reef.metric_tables import cover
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, grid_of, open_site, terrain_of
@@ -58,7 +58,7 @@ from stereo_seecolor.mapping.raster.structure import (
     squares_of,
     structure,
 )
-from stereo_seecolor.report.range_code import height_std_m as typical_std_m
+from stereo_seecolor.report.height_code import height_std_m as typical_std_m
 from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run

@@ -14,7 +14,7 @@ from stereo_seecolor.run_folder.reports import (
 )
 
 if TYPE_CHECKING:
-    from stereo_seecolor.report.live_page import EarlyFrames
+    from stereo_seecolor.report.early_frames import EarlyFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class RunPage:
             return None
         if not self.options.shard.whole:
             return None
-        from stereo_seecolor.report.live_page import EarlyFrames, frames_in_full
+        from stereo_seecolor.report.early_frames import EarlyFrames, frames_in_full
 
         return EarlyFrames(frozenset(frames_in_full(self.run.names)), self.run.rectification.pair)
 

@@ -10,6 +10,7 @@ from typing import Literal
 from calibration import CalibrationError, StereoRig
 from calibration.rig_errors import RangeError
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.report.measure_limits import LIMITS
 from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_run import FinishedRun
 
@@ -96,36 +97,3 @@ def calibration_note(known: CalibrationStd) -> str:
         )
     )
     return " ".join(sentences)
-
-
-# Limits and thresholds of measurements on a frame; web/src/measure.ts has the same numbers.
-
-
-@dataclass(frozen=True)
-class MeasureLimits:
-    """Windows, layers and errors."""
-
-    half_window_px: int = 3  # 7x7: more is no more exact where a reef is rough, less is noisy
-    least_pixels: int = 10  # a fifth of the window: an object's edge shows at least that
-    # relative step in depth between object and background; slopes are steadier
-    layer_gap: float = 0.02
-    layer_gap_stds: float = 6.0  # no step is smaller than the noise
-    # what the error of a pixel's range and the misfit of the plane around add to the standard error
-    # of a point, and that adds to the one of its slope, a pixel (picking.py): as
-    # benchmarks/standard_errors.py finds them on drawn reefs
-    of_range: float = 0.4
-    of_misfit: float = 0.4
-    slope_of_misfit: float = 0.131
-    # the part of an area by errors of slopes, which is taken off it, is known to this
-    of_slopes: float = 0.15
-    of_step: float = 0.16  # of the steps along a line, in its standard error
-    click_std_px: float = 0.5  # how well a person hits a point
-    # of a length, relative, where nothing else is known: what docs/calibration.md calls good
-    calibration_std: float = 0.005
-    least_step_px: int = 8  # along a line: windows that overlap little
-    # a step along the surface is longer than its noise, which would lengthen it
-    step_stds: float = 6.0
-    area_step_px: int = 4  # a node of the area every fourth pixel
-
-
-LIMITS = MeasureLimits()

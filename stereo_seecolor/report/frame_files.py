@@ -4,8 +4,7 @@ measure in.
 
 import contextlib
 import hashlib
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,19 +17,15 @@ from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.files.contained import is_there
-from stereo_seecolor.files.json_records import load_object
-from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import FrameRow, Image, Map
-from stereo_seecolor.report.overview import DiveFacts
+from stereo_seecolor.records import Image, Map
 from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
-from stereo_seecolor.report.texts import script
+from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
-from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import PAGE, RIG, page_path
+from stereo_seecolor.run_folder.layout import RIG, page_path
 
 Files = dict[str, tuple[str, Content]]
 """Product -> path relative to OUT, content."""
@@ -161,77 +156,3 @@ def raw_is_there(frame: FinishedFrame) -> bool:
 def _rounded(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Confidence in 16 steps, which compress well; only unknown pixels become 0."""
     return np.where(confidence > 0, np.maximum(confidence & 0xF0, 16), 0).astype(np.uint8)
-
-
-# Six example frames of a dive: the extremes of what was measured.
-
-COUNT = 6
-
-
-def example_frames(facts: DiveFacts) -> list[tuple[str, str]]:
-    """(frame, key of the text with the reason), at most six: extremes of what was measured, then
-    frames spread over the dive.
-    """
-    rows = [row for row in facts.pairs if row.status == "ok"]
-    picks: dict[str, str] = {}
-    if rows:
-        picks[rows[len(rows) // 2].name] = "why.middle"
-    for why, fact, best in _EXTREMES:
-        known = [row for row in rows if fact in row.facts and row.name not in picks]
-        if known:
-            picks[best(known, key=lambda row, fact=fact: row.facts[fact]).name] = why
-    for row in rows[:: max(1, len(rows) // COUNT)]:
-        picks.setdefault(row.name, "why.spread")
-    return list(picks.items())[:COUNT]
-
-
-_EXTREMES: tuple[tuple[str, str, Callable[..., FrameRow]], ...] = (
-    ("why.nearest", "median_range_m", min),
-    ("why.farthest", "median_range_m", max),
-    ("why.most_measured", "coverage", max),
-    ("why.least_measured", "coverage", min),
-    ("why.hardest_color", "unrecoverable_fraction", max),
-)
-
-
-# Color charts and differences between views on the page, kept for later pages of the same frames.
-
-FILE = f"{PAGE}/charts.json"
-
-
-@dataclass(frozen=True)
-class ShownChart:
-    """A chart in a frame. published, before, after: colors of its patches as CSS, after one
-    exposure gain; published, and before and after correction.
-
-    before_ciede2000, after_ciede2000: median over patches, None where the input image is missing.
-    """
-
-    frame: str
-    kind: str
-    published: list[str]
-    before: list[str]
-    after: list[str]
-    before_ciede2000: float | None
-    after_ciede2000: float
-
-
-def write_charts(folder: RunFolder, charts: Sequence[ShownChart], spread: Any) -> None:
-    """Keep charts and differences between views (plain values, or None) for pages of the same
-    frames. Raises OutputError.
-    """
-    content = plain({"charts": charts, "spread": spread})
-    folder.dive.write(FILE, json.dumps(content).encode(), made_from=folder.dive.digest("corrected"))
-
-
-def kept_charts(folder: RunFolder) -> dict[str, Any]:
-    """The content that ``write_charts`` kept; empty where it is of other corrected frames."""
-    path = folder.root / FILE
-    if not path.is_file() or folder.dive.record.made_from.get(FILE) != folder.dive.digest(
-        "corrected"
-    ):
-        return {}
-    try:
-        return load_object(path)
-    except ValueError:  # changed since: the page is made without
-        return {}

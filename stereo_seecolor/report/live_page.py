@@ -2,7 +2,6 @@
 
 import base64
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,20 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import RectifiedPair
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.previews import LIVE, preview, range_picture
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import FrameRow, Image
-from stereo_seecolor.report.frame_files import Files, Pixels, contents_of
-from stereo_seecolor.report.overview import NAMED_FRAMES, Fact, RowFacts, judge_so_far
-from stereo_seecolor.report.texts import STATIC, filled_in, length, phrase
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.overview import NAMED_FRAMES, Fact, RowFacts
+from stereo_seecolor.report.templates import filled_in
+from stereo_seecolor.report.texts import STATIC, length, phrase
+from stereo_seecolor.report.verdict import judge_so_far
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import FrameTable
-from stereo_seecolor.run_folder.layout import INDEX, PAGE, page_path
-from stereo_seecolor.run_folder.manifest import StageRecord
+from stereo_seecolor.run_folder.layout import INDEX, PAGE
 
 ASSETS = ("page.css", "live.js")
 MADE_LIVE = "live"
@@ -146,53 +143,3 @@ def _address(pixels: NDArray[Any]) -> str:
     written together.
     """
     return f"data:image/jpeg;base64,{base64.b64encode(preview(pixels, LIVE)).decode('ascii')}"
-
-
-# Makes the page's files of some frames while the run has their pixels in memory, so that they
-# need not be decoded again.
-
-FORMAT = "2"
-"""Version of the files of a frame; increased when their content changes, so that those of an
-earlier program are made again.
-"""
-BRIEF_FRAMES = 24
-"""Frames, spread over the dive, that a brief page shows in full; of the others it shows only the
-corrected images.
-
-A pair of 1280x1024 takes some 50 ms of processor time while the run has it in memory: 1 % of a run
-over 500 pairs.
-"""
-
-
-def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
-    """The record of a frame's files on the page, made from a corrected frame of that key.
-    with_before: with its input image.
-    """
-    settings = content_key(FORMAT)
-    return StageRecord(content_key(settings, corrected_key, with_before), settings)
-
-
-def frames_in_full(names: Sequence[str]) -> list[str]:
-    """The frames of a dive that a brief page shows in full, besides the examples."""
-    return list(names[:: -(-len(names) // BRIEF_FRAMES) or 1])
-
-
-@dataclass(frozen=True)
-class EarlyFrames:
-    """Makes the page's files of the frames of these names. geometry: of the rectified images."""
-
-    names: frozenset[str]
-    geometry: RectifiedPair | None
-
-    def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's files on the page, made from a corrected frame of that key."""
-        return page_stage(corrected_key, with_before=True)
-
-    def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame. before: its rectified image, uncorrected. products: product
-        -> array, as it is stored.
-        """
-        contents = contents_of(Pixels(name, products, products.__getitem__), before, self.geometry)
-        return {
-            product: (page_path(product, name), content) for product, content in contents.items()
-        }

@@ -21,7 +21,7 @@ from stereo_seecolor.report.map_mesh import (
 )
 from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
 from stereo_seecolor.report.range_code import text
-from stereo_seecolor.report.texts import script
+from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface

@@ -18,7 +18,7 @@ from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.evaluation.charts.targets import read_targets
 from stereo_seecolor.extras.fleet.campaign import CampaignFile
 from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
-from stereo_seecolor.extras.reef.outlines import read_outlines
+from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
 from stereo_seecolor.run_folder.water_file import read_waters
 

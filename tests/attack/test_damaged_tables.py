@@ -24,9 +24,10 @@ from stereo_seecolor.extras.evaluation.water import measure_water
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.status import status
-from stereo_seecolor.extras.reef.compare import compare, metrics
+from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.extras.reef.measure import measure
+from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.files import csv_tables
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import encode_map

@@ -47,8 +47,9 @@ from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.fleet.campaign import campaign
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
-from stereo_seecolor.extras.reef.compare import compare, metrics
+from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.markers import Known, markers
+from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 from stereo_seecolor.extras.streams.out_mcap import check_mcap, write_mcap
 from stereo_seecolor.run_folder.stamp import Stamp

@@ -31,7 +31,7 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
-from stereo_seecolor.report.overview import RowFacts, judge_so_far
+from stereo_seecolor.report.overview import RowFacts
 from stereo_seecolor.report.range_code import (
     RANGE_CODE,
     CodedRanges,
@@ -40,6 +40,7 @@ from stereo_seecolor.report.range_code import (
     std_from_codes,
 )
 from stereo_seecolor.report.texts import digits
+from stereo_seecolor.report.verdict import judge_so_far
 from stereo_seecolor.run_folder.finished_run import open_run
 
 STATIC = Path(__file__).resolve().parents[2] / "stereo_seecolor/report/static"
@@ -272,8 +273,8 @@ def test_formats_that_no_browser_shows_are_shown_as_jpeg(
 def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
     copy_run: CopyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.live_page.BRIEF_FRAMES", 2)
-    monkeypatch.setattr("stereo_seecolor.report.frame_files.COUNT", 1)
+    monkeypatch.setattr("stereo_seecolor.report.early_frames.BRIEF_FRAMES", 2)
+    monkeypatch.setattr("stereo_seecolor.report.example_frames.COUNT", 1)
     copy_run(tmp_path / "out", 5, page="none")
     brief = report(tmp_path / "out", brief=True)
     assert {"0000", "0003"} <= set(data(tmp_path / "out")["shown"])

@@ -37,8 +37,8 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.extras.reef.compare import metrics
 from stereo_seecolor.extras.reef.measure import measure
+from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Water

@@ -18,11 +18,11 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.mapping.surface.small_holes import boundary, closed
+from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
 from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, clustered
 from stereo_seecolor.report.mesh_levels import levels as made_levels
-from stereo_seecolor.report.range_code import coded_heights
 
 
 def hills(count: int = 60, seed: int = 0) -> Piece:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.extras.export.command import write_images
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.files.encode import encode_depth_mm
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import CLOUD

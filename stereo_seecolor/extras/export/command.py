@@ -1,22 +1,15 @@
 """``export``: write a fused run in the format of another program, into a new folder."""
 
 import re
-import shutil
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from stereo_seecolor.errors import InputError, PluginError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.atomic import files_below
-from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.plugins import added, load
-from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import MAP, MOSAIC, TERRAIN
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import open_posed_run
@@ -75,38 +68,3 @@ def _instead(name: str) -> str:
     said = [GEOTIFFS] if program in FOR_MAPS else []
     said += [f"for {name} use {' or '.join(found)}"] if found else []
     return "; ".join(said) or f"one of {', '.join(added('exports'))}"
-
-
-# The export formats of all installed packages, by name.
-
-
-def export_formats() -> dict[str, ExportFormat]:
-    """What each format writes, and the function that writes it. Raises PluginError for a package
-    that cannot be loaded.
-    """
-    return {name: load("exports", name, ExportFormat) for name in added("exports")}
-
-
-# Corrected images as 8 bits a channel, which any program reads.
-
-READABLE = (".png", ".jpg")
-
-
-def write_images(frames: Sequence[FinishedFrame], folder: Path) -> list[Path]:
-    """Make ``folder/images``, and put the corrected image of each frame into it; the files, of 8
-    bits as they are, else as PNG.
-
-    Raises InputError if an image is gone or damaged.
-    """
-    (folder / "images").mkdir()
-    return [_write_image(frame, folder / "images") for frame in frames]
-
-
-def _write_image(frame: FinishedFrame, folder: Path) -> Path:
-    pixels = frame.read("corrected")
-    source = frame.products["corrected"]
-    if pixels.dtype == np.uint8 and source.suffix in READABLE:
-        return Path(shutil.copyfile(source, folder / source.name))
-    path = folder / f"{frame.name}.png"
-    path.write_bytes(encode_image(eight_bit(pixels), "png"))
-    return path

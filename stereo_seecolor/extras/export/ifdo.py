@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 
 from stereo_seecolor.earth import degrees_from_north_east
-from stereo_seecolor.extras.export.command import write_images
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.version import __version__

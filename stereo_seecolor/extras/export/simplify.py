@@ -1,5 +1,15 @@
-"""A mesh with fewer triangles, nowhere further from the original than a bound; and the map's mesh
-so simplified, to be textured.
+"""Mesh simplification by edge collapse, cheapest edge first, with a bound on the distance of the
+original's vertices to the result.
+
+Each vertex that is taken out stays with the nearest triangle of the result, and a collapse that
+would leave one of them too far is refused (Klein, Liebich and Strasser, Mesh Reduction with Error
+Control, 1996). The order is by quadrics (Garland and Heckbert 1997). A vertex is moved onto its
+neighbor, so that all that stay are vertices of the original.
+
+Arrays: position (V, 3) float64. triangle (F, 3) int32; -1 in the first corner of one that is gone.
+head (V,), link (3 F,): the corners at each vertex as a linked list, -1 at its end; corners of
+triangles that are gone stay in it. first (F,), after (V,): the vertices that were taken out and lie
+by each triangle. star: the triangles at a vertex, of which ``count`` are meant.
 """
 
 import heapq
@@ -10,38 +20,21 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.extras.export.star_kernels import (
-    cross,
-    form,
     has,
     moved_corners,
     other_end,
-    point_triangle_distance2,
-    quadrics,
-    segment_distance2,
     star_of,
     stays_surface,
     turns,
 )
-from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.mapping.surface.small_holes import closed
+from stereo_seecolor.extras.export.triangle_kernels import (
+    cross,
+    form,
+    point_triangle_distance2,
+    quadrics,
+    segment_distance2,
+)
 from stereo_seecolor.mapping.surface.surface import only_used
-from stereo_seecolor.run_folder.layout import MESH
-from stereo_seecolor.run_folder.posed_run import PosedRun
-from stereo_seecolor.texture.surface import PaintedSurface
-
-# Mesh simplification by edge collapse, cheapest edge first, with a bound on the distance of the
-# original's vertices to the result.
-#
-# Each vertex that is taken out stays with the nearest triangle of the result, and a collapse that
-# would leave one of them too far is refused (Klein, Liebich and Strasser, Mesh Reduction with
-# Error Control, 1996). The order is by quadrics (Garland and Heckbert 1997). A vertex is moved
-# onto its neighbor, so that all that stay are vertices of the original.
-#
-# Arrays: position (V, 3) float64. triangle (F, 3) int32; -1 in the first corner of one that is
-# gone. head (V,), link (3 F,): the corners at each vertex as a linked list, -1 at its end;
-# corners of triangles that are gone stay in it. first (F,), after (V,): the vertices that were
-# taken out and lie by each triangle. star: the triangles at a vertex, of which ``count`` are
-# meant.
 
 MOST_AT_VERTEX = 64
 """Triangles; a vertex that has more stays."""
@@ -347,65 +340,3 @@ def _corners(
     starts = np.concatenate([[True], ~same]) if len(order) else np.zeros(0, np.bool_)
     head[flat[order[starts]]] = order[starts]
     return head, link
-
-
-# The mesh that is textured: the map's, with as few triangles as a bound allows.
-
-BOUND_VOXELS = 0.5
-"""Of the bound, in voxels of the map: finer than its surface was sampled."""
-LONGEST = 0.1
-"""Of an edge, as a fraction of the images' lower side on the bottom: a triangle is to lie in one
-image as a whole.
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class SimplifiedSurface(PaintedSurface):
-    """normal (V, 3) float32. largest_m, rms_m: how far the vertices of the map's own surface are
-    from it. original: how many triangles that one has.
-    """
-
-    normal: NDArray[np.float32]
-    largest_m: float
-    rms_m: float
-    original: int
-
-    def simplified(self, bound_m: float, longest_m: float) -> "SimplifiedSurface":
-        """Simplify further: ``bound_m`` further away at most, no new edge longer than
-        ``longest_m``.
-        """
-        found = simplify(self.position, self.triangles, bound_m, longest_m)
-        return SimplifiedSurface(
-            self.position[found.kept],
-            self.color[found.kept],
-            found.triangles,
-            self.bound_m + bound_m,
-            self.normal[found.kept],
-            self.largest_m + found.largest_m,
-            self.rms_m + found.rms_m,
-            self.original,
-        )
-
-
-def read_surface(posed: PosedRun) -> SimplifiedSurface:
-    """The run's mesh, its holes of single voxels closed, simplified within half a voxel."""
-    longest_m = longest_edge_m(posed)
-    path = posed.map_folder / MESH
-    vertices, faces = read_vertices(path), read_triangles(path)["indices"]
-    triangles = closed(vertices["position"], faces, posed.voxel_m).astype(np.int32)
-    whole = SimplifiedSurface(
-        np.array(vertices["position"], np.float64),
-        np.array(vertices["color"]),
-        triangles,
-        0.0,
-        np.array(vertices["normal"]),
-        0.0,
-        0.0,
-        len(faces),
-    )
-    return whole.simplified(BOUND_VOXELS * posed.voxel_m, longest_m)
-
-
-def longest_edge_m(posed: PosedRun) -> float:
-    """The longest edge of a triangle that one image can hold."""
-    return LONGEST * min(posed.geometry.image_size) * posed.pixel_m

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.glb import Glb, unit
-from stereo_seecolor.extras.export.simplify import SimplifiedSurface, read_surface
+from stereo_seecolor.extras.export.simplified_surface import SimplifiedSurface, read_surface
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.run_folder.posed_run import PosedRun

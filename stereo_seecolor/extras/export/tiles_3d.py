@@ -19,7 +19,7 @@ from stereo_seecolor.earth import (
     geocentric_from_geodetic,
 )
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.extras.export.simplify import SimplifiedSurface, longest_edge_m
+from stereo_seecolor.extras.export.simplified_surface import SimplifiedSurface, longest_edge_m
 from stereo_seecolor.extras.export.textured import open_surface, painted, summary, write_group
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.raster.georeference import crs_name

@@ -47,7 +47,7 @@ def metrics(
     """Compute rugosity and structure of a fused run, and colonies and cover from polygons or
     points, with standard errors.
     """
-    from stereo_seecolor.extras.reef.compare import metrics as measure
+    from stereo_seecolor.extras.reef.metrics import metrics as measure
 
     with report.working():
         result = measure(out, polygons, folder, points)
@@ -164,7 +164,7 @@ def measure(
     """Measure points, lengths and areas in the frames of a run; prints a CSV with standard
     errors.
     """
-    from stereo_seecolor.extras.reef.measure import length_table
+    from stereo_seecolor.extras.reef.length_table import length_table
     from stereo_seecolor.extras.reef.measure import measure as measure_points
 
     if lengths:

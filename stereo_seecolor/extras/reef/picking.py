@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.calibration_std import LIMITS
+from stereo_seecolor.report.measure_limits import LIMITS
 
 Array = NDArray[np.float64]
 STEP_PX = 8

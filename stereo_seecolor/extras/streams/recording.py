@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.errors import DeviceError, OutputError
-from stereo_seecolor.extras.export.command import READABLE
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.images_of_8_bits import READABLE
 from stereo_seecolor.extras.streams import ros_messages as ros
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.files.decode import eight_bit

@@ -7,7 +7,8 @@ import pytest
 import trimesh
 from mapping_scene import CONFIG, flat_frames, write_map
 
-from stereo_seecolor.extras.export.simplify import boundary_edges, read_surface, simplify
+from stereo_seecolor.extras.export.simplified_surface import read_surface
+from stereo_seecolor.extras.export.simplify import boundary_edges, simplify
 from stereo_seecolor.files.ply import FACE, VERTEX, header, read_triangles, read_vertices
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 

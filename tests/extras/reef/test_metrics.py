@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.reef.colony import Colony, ColonySize, measure_outlines
-from stereo_seecolor.extras.reef.compare import metrics
+from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
-from stereo_seecolor.extras.reef.metric_tables import cover
-from stereo_seecolor.extras.reef.outlines import Outline, read_outlines
+from stereo_seecolor.extras.reef.metrics import metrics
+from stereo_seecolor.extras.reef.outline_files import read_outlines
+from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, grid_of, read_mesh, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors

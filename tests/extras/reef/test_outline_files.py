@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.outlines import read_outlines
+from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
 

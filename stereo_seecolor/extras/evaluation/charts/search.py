@@ -17,7 +17,8 @@ from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.progress import Listener
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.frame_files import FrameFiles, ShownChart, write_charts
+from stereo_seecolor.report.chart_records import ShownChart, write_charts
+from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
 

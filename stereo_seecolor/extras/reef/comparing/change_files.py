@@ -17,7 +17,7 @@ from stereo_seecolor.files.csv_tables import csv_text
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.georeference import Georeference
-from stereo_seecolor.report.texts import filled_in
+from stereo_seecolor.report.templates import filled_in
 
 # The picture of a change: before, after, height and color.
 

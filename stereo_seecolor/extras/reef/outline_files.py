@@ -1,0 +1,181 @@
+"""Reading of outlines from files: GeoJSON (QGIS, ArcGIS), and TagLab's project."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.bounded_text import load_json
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself
+from stereo_seecolor.extras.reef.outlines import Outline, Ring
+from stereo_seecolor.files.rasters import open_raster
+from stereo_seecolor.files.whole_files import read_bytes
+from stereo_seecolor.mapping.raster.georeference import crs_wkt
+from stereo_seecolor.run_folder.layout import MOSAIC
+from stereo_seecolor.run_folder.posed_run import PosedRun
+
+LABEL_KEYS = ("label", "class", "class_name", "category", "type", "species", "taxon")
+NAME_KEYS = ("name", "id", "fid")
+DEGREES_NEAR = 0.5
+"""Coordinates within this of the map's place on Earth are longitude and latitude; meters of a map
+are never so there by chance.
+"""
+
+LEAST_CORNERS = 3
+FARTHEST = 1e9
+"""Meters and degrees are less: what is more is not a coordinate."""
+LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
+"""Words in the name of a system that is not a place on Earth: the map's own is meant."""
+OTHERS = (
+    (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04",
+    "an archive"), (b"<", "XML or KML")
+)  # fmt: skip
+
+Turn = Callable[[NDArray[np.float64]], Ring]
+
+
+def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
+    """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or
+    cannot be read.
+    """
+    try:
+        raw = read_bytes(path)
+        if kind := next((what for begin, what in OTHERS if raw.startswith(begin)), None):
+            raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
+        content = load_json(raw)
+    except ValueError as error:
+        raise InputError(f"{path}: is neither GeoJSON nor a TagLab project: {error}") from error
+    try:
+        if isinstance(content, dict) and "images" in content and "features" not in content:
+            outlines = _taglab(content, posed)
+        else:
+            outlines = _geojson(content, posed)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path}: is damaged, or in an unknown format: {error!r}") from error
+    if not outlines:
+        raise InputError(
+            f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a "
+            "TagLab project"
+        )
+    return outlines
+
+
+_POLYGONS: dict[str, Callable[[Any], list[Any]]] = {
+    "Polygon": lambda rings: [rings],
+    "MultiPolygon": list,
+}
+
+
+def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
+    if not isinstance(content, dict):
+        raise InputError("is a list: save the polygons as a FeatureCollection")
+    bare = [{"geometry": content} if content["type"] in _POLYGONS else content]
+    features = content["features"] if content["type"] == "FeatureCollection" else bare
+    turn = _turn(content, posed)
+    found = []
+    for number, feature in enumerate(features, 1):
+        geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
+        parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(
+            geometry.get("coordinates")
+        )
+        rings = tuple(_ring(ring, turn, number) for part in parts for ring in part)
+        if rings:
+            name = _first(properties, NAME_KEYS) or str(feature.get("id", "")) or f"{number}"
+            found.append(Outline(name, _first(properties, LABEL_KEYS), rings))
+    return found
+
+
+def _ring(corners: Any, turn: Turn, number: int) -> Ring:
+    """In the map's coordinates. Raises InputError for what is not an outline, or not a coordinate,
+    in the file or in the map.
+    """
+    if len(corners) < LEAST_CORNERS:
+        raise InputError(f"polygon {number} has fewer than {LEAST_CORNERS} corners")
+    ring = np.array(corners, np.float64)[:, :2]
+    for points in (ring, known := turn(ring) if (np.abs(ring) < FARTHEST).all() else ring):
+        if not (np.abs(points) < FARTHEST).all():
+            raise InputError(
+                f"polygon {number} has coordinates that are not numbers, or that its crs does not "
+                "take to the map"
+            )
+    is_closed = bool((known[0] == known[-1]).all())
+    if crosses_itself(known[:-1] if is_closed else known):
+        raise InputError(
+            f"polygon {number} crosses itself, and so has no area: move its corners apart, or draw "
+            "two"
+        )
+    return known
+
+
+def _first(properties: dict[str, Any], keys: tuple[str, ...]) -> str:
+    small = {key.lower(): value for key, value in properties.items()}
+    return next((str(small[key]) for key in keys if small.get(key) not in (None, "")), "")
+
+
+def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
+    """From the file's coordinates to the map's own: by its crs member, else degrees where they fall
+    on the map, else meters.
+    """
+    member = content.get("crs") or {}
+    named = member if isinstance(member, str) else (member.get("properties") or {}).get("name")
+    if posed.origin is None:
+        return lambda ring: ring - posed.offset_m[:2]
+    import pyproj
+
+    if named and any(word in str(named).lower() for word in LOCAL_NAMES):
+        return lambda ring: ring - posed.offset_m[:2]
+    try:
+        pyproj.CRS.from_user_input(named or "OGC:CRS84")
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(
+            f"its crs {named!r:.80} is not known: save the polygons in EPSG:4326, or in the map's "
+            "own system"
+        ) from error
+    local = crs_wkt(posed.origin)
+    place = np.array([posed.origin.longitude_deg, posed.origin.latitude_deg])
+
+    def turn(ring: NDArray[np.float64]) -> Ring:
+        degrees = bool((np.abs(ring - place) < DEGREES_NEAR).all())
+        if not named and not degrees:
+            return np.asarray(ring - posed.offset_m[:2])
+        x, y = pyproj.Transformer.from_crs(named or "OGC:CRS84", local, always_xy=True).transform(
+            *ring.T
+        )
+        return np.stack([x, y], axis=-1) - posed.offset_m[:2]
+
+    return turn
+
+
+def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
+    """Regions of the image that has the size of the map's orthomosaic; contours are x, y in its
+    pixels.
+    """
+    with open_raster(posed.map_folder / MOSAIC) as file:
+        size, transform = (file.width, file.height), file.transform
+    images = [
+        image for image in content["images"] if (image.get("width"), image.get("height")) == size
+    ]
+    if not images:
+        raise ValueError(f"no image of {size[0]} x {size[1]} px, the size of {MOSAIC}")
+
+    def turn(ring: list[Any]) -> Ring:
+        # north is up
+        corner, scale = (np.array([transform.c, transform.f]), np.array([transform.a, transform.e]))
+        return np.asarray(
+            corner + scale * (np.array(ring, np.float64)[:, :2] + 0.5) - posed.offset_m[:2]
+        )
+
+    regions = [region for image in images for region in image["annotations"]["regions"]]
+    return [
+        Outline(
+            f"{each['id']}",
+            str(each["class name"]),
+            tuple(map(turn, [each["contour"], *each.get("inner contours", [])])),
+        )
+        for each in regions
+    ]
