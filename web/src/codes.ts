@@ -1,4 +1,4 @@
-// Whole numbers of a picture, predicted from their neighbors (stereo_seecolor/report/range_code.py).
+// Whole numbers of a picture, predicted from their neighbors (stereo_seecolor/report/prediction.py).
 
 /** Each code through value, row after row; NaN where known's bit is 0. bytes: low and high bytes of the prediction's errors. */
 export function decoded(bytes: Uint8Array, known: Uint8Array, width: number, height: number, value: (code: number) => number): Float32Array {

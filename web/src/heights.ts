@@ -1,4 +1,4 @@
-// Heights of the map's terrain at full precision: tiles, loaded as scripts when they are asked for (stereo_seecolor/report/range_code.py).
+// Heights of the map's terrain at full precision: tiles, loaded as scripts when they are asked for (stereo_seecolor/report/height_code.py).
 
 import type { Place } from "./about";
 import { decoded } from "./codes";
