@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.extras.reef.site_surface import SiteMesh, grid_of, read_mesh, terrain_of
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
 from stereo_seecolor.extras.synthetic import survey
 from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef

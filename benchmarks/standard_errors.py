@@ -39,7 +39,8 @@ from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.measure import surface_of
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
-from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, grid_of, open_site, terrain_of
+from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, open_site
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene

@@ -33,7 +33,7 @@ from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.images import as_image, read_image
 from stereo_seecolor.inputs.opened_paths import open_around
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.matching.diagnostics import PairCheck
+from stereo_seecolor.matching.pair_check import PairCheck
 from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import (
     Correction,

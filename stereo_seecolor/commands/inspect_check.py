@@ -24,7 +24,7 @@ from stereo_seecolor.commands.inspect_rig import FoundCalibration
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.matching.gray import sides_without_texture
+from stereo_seecolor.matching.image_texture import sides_without_texture
 from stereo_seecolor.records import Image, is_monochrome
 
 

@@ -18,7 +18,7 @@ from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.matching.gray import sides_without_texture
+from stereo_seecolor.matching.image_texture import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameResult, Image
 from stereo_seecolor.run_folder.pair_files import correction_files, range_files

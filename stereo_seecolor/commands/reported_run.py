@@ -13,14 +13,14 @@ from stereo_seecolor.commands.run_cost import Meter
 from stereo_seecolor.commands.run_page import RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
-from stereo_seecolor.compute.sequences import Names
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import PairSource
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.matching.diagnostics import NO_OVERLAP, ROWS_OFF
+from stereo_seecolor.matching.pair_check import NO_OVERLAP, ROWS_OFF
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.current_frames import CurrentFrames

@@ -27,8 +27,8 @@ from stereo_seecolor.device.surroundings import (
 )
 from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.confidence import least_odds
-from stereo_seecolor.matching.disparity import fill
 from stereo_seecolor.matching.gray import SMOOTHING_PX
+from stereo_seecolor.matching.interpolation import fill
 from stereo_seecolor.matching.matcher import CONSTANTS, Matcher
 from stereo_seecolor.matching.sgm.search import Band, bands
 from stereo_seecolor.records import Map, Mask, RangeMap, StereoFrame

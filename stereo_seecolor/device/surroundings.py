@@ -11,11 +11,11 @@ from torch.nn import functional as F
 
 from stereo_seecolor.matching.confidence import BORDER_PX, WEIGHTS
 from stereo_seecolor.matching.confidence import CONTEXT_CONSTANTS as CONTEXT
-from stereo_seecolor.matching.confidence import FATTENING_CONSTANTS as FATTENING
-from stereo_seecolor.matching.disparity import PER_PX
+from stereo_seecolor.matching.fattening import FATTENING_CONSTANTS as FATTENING
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX
 from stereo_seecolor.matching.refine import CONSTANTS as REFINE
 from stereo_seecolor.matching.refine import SMOOTHED, WINDOW
+from stereo_seecolor.matching.speckles import PER_PX
 
 _BITS_PER_NAT = float(1 / np.log(2))
 

@@ -32,7 +32,8 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.sequences import Lazy, Names, SomeNames
+from stereo_seecolor.compute.names import Names, SomeNames
+from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.dive.overlap import LOOK, FrameMatcher, ReadFrame, Segment, reduced, reduction
 from stereo_seecolor.records import Capture
 

@@ -20,7 +20,7 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.survey import CountedFrames, Fitter
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.sequences import ByName
+from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt

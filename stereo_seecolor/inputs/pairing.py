@@ -13,7 +13,8 @@ import numpy as np
 
 from calibration.errors import counted
 from calibration.rig_errors import RangeError
-from stereo_seecolor.compute.sequences import Lazy, Packed
+from stereo_seecolor.compute.packed import Packed
+from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, short_hash, stem_of

@@ -86,7 +86,7 @@ def place_survey(
     Without a trajectory by the pictures alone. With one, its poses are measured against the
     pictures, at a few places if they are exact there; then they are taken as they are (exact, or
     config.poses "given", or where GTSAM is missing), or the frames are placed by pictures and poses
-    together, each weighted by its errors ("prior"), or, where the poses contradict the pictures, by
+    together, each weighted by its errors ("prior"), or, where the poses contradict the images, by
     the pictures alone. Positions alone move the track by the pictures as a whole.
 
     Raises MappingError if nothing can be placed, or for given poses upside down.

@@ -11,23 +11,19 @@ from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.confidence import (
     Context,
-    fattening,
     judge_rows,
     least_odds,
     surroundings,
     weigh_rows,
 )
-from stereo_seecolor.matching.disparity import (
-    UNKNOWN,
-    Engine,
-    MatchedDisparity,
-    RangeMaps,
-    fill,
-    remove_speckles,
-)
+from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
+from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, GrayPair
+from stereo_seecolor.matching.interpolation import fill
 from stereo_seecolor.matching.refine import contrast_gain, refine_rows
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
+from stereo_seecolor.matching.speckles import remove_speckles
+from stereo_seecolor.matching.triangulation import RangeMaps
 from stereo_seecolor.plugins import checked, load
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 

@@ -18,7 +18,7 @@ from calibration.bounded_text import load_json
 from calibration.formats import native
 from calibration.formats.reading.section import Section
 from calibration.rig_errors import RangeError
-from stereo_seecolor.compute.sequences import Names
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import (

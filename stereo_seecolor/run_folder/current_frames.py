@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.sequences import Names, SomeNames
+from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.files.keys import ContentKey
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import PRODUCTS, Stage

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from calibration.rig_errors import RangeError
-from stereo_seecolor.compute.sequences import Names, Packed
+from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.records import FrameRow, Numbers, Status
 from stereo_seecolor.run_folder.cache import Compared
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from stereo_seecolor.compute.sequences import Names
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.names import is_log

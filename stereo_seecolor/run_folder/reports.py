@@ -14,7 +14,8 @@ from typing import Any
 from calibration import Rectification
 from calibration.errors import counted
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.sequences import Lazy, Names, SomeNames
+from stereo_seecolor.compute.names import Names, SomeNames
+from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import RUN_FORMAT
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain

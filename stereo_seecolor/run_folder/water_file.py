@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.compute.sequences import ByName
+from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.json_values import JsonText, Streamed
 from stereo_seecolor.water.model import Water, read_water_document, water_document

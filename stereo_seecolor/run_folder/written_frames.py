@@ -1,6 +1,6 @@
 """The frames that this run has written, stage by stage."""
 
-from stereo_seecolor.compute.sequences import Names
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.run_folder.layout import Stage
 

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.texture.charts import Charts, build_charts
 from stereo_seecolor.texture.choice import choose
-from stereo_seecolor.texture.painting import PageMesh, level, pack, page_mesh, paint
+from stereo_seecolor.texture.painting import PageMesh, pack, page_mesh, paint
+from stereo_seecolor.texture.seams import level
 from stereo_seecolor.texture.surface import PaintedSurface, neighbors
-from stereo_seecolor.texture.views import Charts, Views, build_charts, candidates
+from stereo_seecolor.texture.views import Views, candidates
 
 
 @dataclass(frozen=True, eq=False)

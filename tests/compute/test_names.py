@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.compute.sequences import SLOTS, ByName, Names, SomeNames
+from stereo_seecolor.compute.names import SLOTS, ByName, Names, SomeNames
 from stereo_seecolor.files.atomic import holds, write_atomic
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList
 

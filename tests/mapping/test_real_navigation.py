@@ -150,7 +150,7 @@ def test_poses_read_wrongly_are_named(dive: RealDive, reading: str) -> None:
         )
     )
     assert not found.fits
-    assert found.advice == f"the given poses contradict the pictures; they would fit with {reading}"
+    assert found.advice == f"the given poses contradict the images; they would fit with {reading}"
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 
 from calibration import Camera, Rectification, StereoRig
 from stereo_seecolor.errors import MatchingError
-from stereo_seecolor.matching.diagnostics import PAIR_CHECK_CONSTANTS, PairCheck, coverage
-from stereo_seecolor.matching.gray import textured_fraction
+from stereo_seecolor.matching.image_texture import textured_fraction
+from stereo_seecolor.matching.pair_check import PAIR_CHECK_CONSTANTS, PairCheck, coverage
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 PIXELS = 1000

@@ -14,7 +14,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.matching.sgm import search as sgm
-from stereo_seecolor.matching.sgm.band import LANES, PENALTIES, TILE, WIDENING, Band
+from stereo_seecolor.matching.sgm.band import LANES, TILE, WIDENING, Band
+from stereo_seecolor.matching.sgm.penalties import PENALTIES
 
 
 def pair(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from stereo_seecolor.compute import sequences
+from stereo_seecolor.compute import packed
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import deflate, png
@@ -324,18 +324,18 @@ def test_a_png_that_inflates_to_more_than_its_pixels_is_not_inflated() -> None:
 
 
 def test_rows_of_a_long_dive_are_as_they_were_added_whatever_comes_when() -> None:
-    number = 2 * sequences.CHUNK + 7
+    number = 2 * packed.CHUNK + 7
     table = FrameTable()
     for k in range(number):
         table.add(
             FrameRow(f"{k}", left=f"l/{k}", hashes={"left": f"{k:064x}"}, seconds={"match": 0.5})
         )
-    for k in (*range(number), 3, sequences.CHUNK):
+    for k in (*range(number), 3, packed.CHUNK):
         table.add(FrameRow(f"{k}", left=f"l/{k}", seconds={"color": 1.0}))
     rows = table.rows
     assert len(rows) == number
     assert [row.name for row in rows] == [f"{k}" for k in range(number)]
-    assert [rows[k].seconds["color"] for k in (0, 3, sequences.CHUNK, number - 1)] == [
+    assert [rows[k].seconds["color"] for k in (0, 3, packed.CHUNK, number - 1)] == [
         1.0,
         2.0,
         2.0,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration import Camera, RectifiedPair, StereoRig
 from calibration.formats import native
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.compute.sequences import Names
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.extras.synthetic import survey

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
-from stereo_seecolor.compute.sequences import Names, SomeNames
+from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.config import ColorConfig, LampsConfig
 from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of

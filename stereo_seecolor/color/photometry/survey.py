@@ -13,7 +13,8 @@ import numpy as np
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.sequences import ByName, Names, Packed
+from stereo_seecolor.compute.names import ByName, Names
+from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Water

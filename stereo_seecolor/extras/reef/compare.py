@@ -6,7 +6,8 @@ from pathlib import Path
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.comparing.change_files import write_change, write_change_page
+from stereo_seecolor.extras.reef.comparing.change_files import write_change
+from stereo_seecolor.extras.reef.comparing.change_page import write_change_page
 from stereo_seecolor.extras.reef.comparing.joint_track import JointTrack, joint_track
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compare_sites
 from stereo_seecolor.extras.reef.site_surface import open_site

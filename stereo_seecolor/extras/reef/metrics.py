@@ -12,7 +12,8 @@ from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.labelled_points import on_map, point_cover, read_points
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, tables, write_tables
 from stereo_seecolor.extras.reef.outline_files import read_outlines
-from stereo_seecolor.extras.reef.site_surface import grid_of, open_site, terrain_of
+from stereo_seecolor.extras.reef.site_surface import open_site
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.noise import height_stds

@@ -10,12 +10,8 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.geometry import scale_of, transformed
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain
-from stereo_seecolor.mapping.raster.rasterize import rasterize
 from stereo_seecolor.run_folder.layout import MAP, MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
-
-# The mesh of a fused run in memory, in coordinates that the caller chooses.
 
 Array = NDArray[np.float64]
 
@@ -84,20 +80,3 @@ def open_site(out: Path) -> Site:
             f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m"
         )
     return Site(posed, mesh)
-
-
-# Terrain of a mesh: heights and colors seen from straight above, on a grid.
-
-
-def grid_of(mesh: SiteMesh, cell_m: float) -> Grid:
-    """The cells that cover a mesh."""
-    return Grid.around(mesh.points_m.min(axis=0), mesh.points_m.max(axis=0), cell_m)
-
-
-def terrain_of(mesh: SiteMesh, grid: Grid) -> Terrain:
-    """A mesh on a grid."""
-    height = np.full(grid.shape, np.nan)
-    color = np.full((*grid.shape, 3), np.nan, np.float32)
-    pixels = np.concatenate([grid.pixels(mesh.points_m), mesh.points_m[:, 2:]], axis=1)
-    rasterize(pixels, mesh.color.astype(np.float32), mesh.triangles, height, color)
-    return Terrain(grid, height, color)

@@ -8,7 +8,7 @@ from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.result_texts import run_text
 from stereo_seecolor.cli.results import run_content, run_exit_code
-from stereo_seecolor.extras.evaluation.cli import truth_text
+from stereo_seecolor.extras.evaluation.score_texts import truth_text
 
 PairCount = Annotated[int, opt.option("--pairs", "N", "Number of stereo pairs.", min=1)]
 

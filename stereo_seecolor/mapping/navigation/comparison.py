@@ -68,7 +68,7 @@ class Navigation:
     measured. depth_residual_m: between what overlapping frames saw, by the given poses;
     depth_noise_m: by the measured ones. position_std_m, depth_std_m, attitude_std_deg: how far a
     pose was trusted, NaN where it was not used or taken as it is. fits: False where the poses
-    contradict the pictures. advice: how they would fit, or what is off in them, "" where
+    contradict the images. advice: how they would fit, or what is off in them, "" where
     nothing is.
     """
 

@@ -31,7 +31,7 @@ REVERSED = 0.3
 
 
 def wrong_parts(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
-    """A line for each part of the track whose poses contradict the pictures: its first and last
+    """A line for each part of the track whose poses contradict the images: its first and last
     frame, by how much, and whether the reverse order would fit.
 
     T_world_camera: (N, 4, 4). edges: measured, of frames with poses. Empty for a track that fits as

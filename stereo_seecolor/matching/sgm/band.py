@@ -9,15 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.gray import Gray
 from stereo_seecolor.records import Map
-
-# The memory layout of matching costs, shared by the search and its steps.
-#
-# A piece is the costs of one pixel for LANES disparities, one byte each. A block is the pieces of
-# PIXELS pixels, which one step works on. The costs of a row lie tile by tile, in a tile LANES
-# disparities by LANES, in these pixel by pixel.
 
 LANES, PIXELS, TILE = 16, 4, 8
 """TILE: edge of a tile, pixels; all pixels of a tile search the same disparities."""
@@ -108,65 +100,3 @@ def _extremes(coarse: Map, tiles: tuple[int, int], side: int) -> tuple[Map, Map]
 def _grow(low: Map, high: Map, reach: int) -> tuple[Map, Map]:
     square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return cv2.erode(low, square, borderValue=np.inf), cv2.dilate(high, square, borderValue=-np.inf)
-
-
-# Penalties of semi-global matching: the cost of a change of disparity from one pixel of a path to
-# the next.
-
-
-@dataclass(frozen=True)
-class Penalties:
-    """Penalties in bits of the census, of which 22 can differ (Hirschmueller 2008, eq. 13). A
-    path's costs must stay below 128.
-
-    p2: a change by more than one pixel of disparity where the image is even. p2_least: the same on
-    a strong edge. A change by one pixel costs P1, a quarter of this (layout.P1_SHIFT).
-    texture_levels: gray levels (of 255) from one pixel to the next that texture and noise reach:
-    these are not edges.
-    edge_levels: levels beyond these that halve p2.
-    Found by trial on a real reef, Teddy and synthetic reefs, clear and turbid (docs/matching.md).
-    """
-
-    p2: int = 99
-    p2_least: int = 6
-    texture_levels: float = 4.0
-    edge_levels: float = 2.0
-
-
-PENALTIES = Penalties()
-
-
-def p2_maps(image: Gray) -> NDArray[np.uint8]:
-    """Compute P2 for steps from the pixel above, and from the pixel to the left: (2, H + 8, W + 9)
-    uint8, padded to whole tiles.
-
-    Surfaces end where the image changes (Hirschmueller 2008, section 2.3).
-    """
-    maps = np.full((2, image.shape[0] + TILE, image.shape[1] + TILE + 1), PENALTIES.p2, np.uint8)
-    limits = np.float32(PENALTIES.p2), np.float32(PENALTIES.p2_least)
-    _p2_maps(
-        image,
-        limits,
-        np.float32(256 * PENALTIES.texture_levels),
-        np.float32(1 / (256 * PENALTIES.edge_levels)),
-        maps,
-    )
-    return maps
-
-
-@compiled
-def _p2_maps(
-    image: Gray, limits: tuple[Any, Any], texture: Any, scale: Any, maps: NDArray[np.uint8]
-) -> None:
-    (full, least), (height, width) = limits, image.shape
-    for y in range(height):
-        here, above, after = image[y], image[max(y - 1, 0)], image[y, 1:]
-        down, right = maps[0, y], maps[1, y, 1:]
-        for x in range(width):
-            change = abs(np.float32(here[x]) - np.float32(above[x]))
-            cost = full / (np.float32(1) + max(change - texture, np.float32(0)) * scale)
-            down[x] = np.int32(cost if cost > least else least)
-        for x in range(width - 1):
-            change = abs(np.float32(after[x]) - np.float32(here[x]))
-            cost = full / (np.float32(1) + max(change - texture, np.float32(0)) * scale)
-            right[x] = np.int32(cost if cost > least else least)

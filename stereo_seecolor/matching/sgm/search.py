@@ -9,18 +9,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.matching.census import census, mirrored_census
-from stereo_seecolor.matching.disparity import MatchedDisparity, remove_speckles
+from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.gray import Gray, GrayPair
-from stereo_seecolor.matching.sgm.band import (
-    FAR,
-    P1_SHIFT,
-    PENALTIES,
-    TILE,
-    WIDENING,
-    Band,
-    p2_maps,
-)
+from stereo_seecolor.matching.sgm.band import FAR, P1_SHIFT, TILE, WIDENING, Band
+from stereo_seecolor.matching.sgm.penalties import PENALTIES, p2_maps
 from stereo_seecolor.matching.sgm.semiglobal import match_rows
+from stereo_seecolor.matching.speckles import remove_speckles
 from stereo_seecolor.records import Map, StereoFrame
 
 __all__ = [

@@ -21,11 +21,8 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
 from stereo_seecolor.extras.reef.compare import Comparison, compare
 from stereo_seecolor.extras.reef.comparing import m3c2
-from stereo_seecolor.extras.reef.comparing.color_change import (
-    color_change,
-    height_patches,
-    volume_l,
-)
+from stereo_seecolor.extras.reef.comparing.changed_patches import height_patches, volume_l
+from stereo_seecolor.extras.reef.comparing.color_change import color_change
 from stereo_seecolor.extras.reef.comparing.difference import (
     Difference,
     in_spreads,
@@ -34,7 +31,8 @@ from stereo_seecolor.extras.reef.comparing.difference import (
 )
 from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
-from stereo_seecolor.extras.reef.comparing.registration import Registration, similarity_fit
+from stereo_seecolor.extras.reef.comparing.ransac import similarity_fit
+from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, open_site
 from stereo_seecolor.extras.synthetic.reef import Reef

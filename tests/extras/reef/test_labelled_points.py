@@ -14,9 +14,9 @@ from mapping_scene import flat_frames, write_map
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export import mosaic_tiles
 from stereo_seecolor.extras.export.command import export
-from stereo_seecolor.extras.reef.cli import metrics_text
 from stereo_seecolor.extras.reef.labelled_points import LabelledPoint, on_map, read_points, wilson
 from stereo_seecolor.extras.reef.metrics import metrics
+from stereo_seecolor.extras.reef.reef_texts import metrics_text
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 

@@ -26,7 +26,8 @@ from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.reef.outlines import Outline
-from stereo_seecolor.extras.reef.site_surface import SiteMesh, grid_of, read_mesh, terrain_of
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.structure import (

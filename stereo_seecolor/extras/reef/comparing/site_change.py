@@ -7,21 +7,20 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing import m3c2
-from stereo_seecolor.extras.reef.comparing.color_change import (
+from stereo_seecolor.extras.reef.comparing.changed_patches import (
     ChangedPatch,
-    ColorChange,
     Kind,
-    Mask,
-    color_change,
     color_patches,
     height_patches,
     volume_l,
     with_tails,
 )
+from stereo_seecolor.extras.reef.comparing.color_change import ColorChange, Mask, color_change
 from stereo_seecolor.extras.reef.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, register
-from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, terrain_of
+from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh
+from stereo_seecolor.extras.reef.terrain_of_mesh import terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.report.terrain_errors import terrain_errors

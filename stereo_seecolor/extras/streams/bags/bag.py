@@ -10,22 +10,24 @@ from functools import lru_cache
 from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.extras.streams.bags import files
+from stereo_seecolor.extras.streams.bags import sqlite_file
+from stereo_seecolor.extras.streams.bags.decompression import ZSTD_MAGIC, decompress
 from stereo_seecolor.extras.streams.bags.foxglove import (
     FOXGLOVE_IMAGE,
     FOXGLOVE_VIDEO,
     foxglove_stamp_ns,
 )
+from stereo_seecolor.extras.streams.bags.mcap_file import MCAP_MAGIC, walk_mcap
+from stereo_seecolor.extras.streams.bags.ros1_file import ROS1_MAGIC, walk_ros1
 from stereo_seecolor.extras.streams.bags.source import (
-    ZSTD_MAGIC,
     Channel,
     Chunk,
     Cut,
     FileSource,
     Message,
     Place,
-    decompress,
 )
+from stereo_seecolor.extras.streams.bags.sqlite_file import SQLITE_MAGIC, walk_sqlite
 from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.files.whole_files import special_kind
 
@@ -211,7 +213,7 @@ def payload(path: Path, place: Place) -> bytes:
     """
     try:
         if path.suffix.lower() == ".db3":
-            content = files.read(path, place.start)
+            content = sqlite_file.read(path, place.start)
         elif place.chunk:
             content = _plain_chunk(path, place.chunk)[place.start : place.start + place.size]
         else:
@@ -243,13 +245,13 @@ def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a bag")
         with FileSource(path) as source:
-            begin = source.bytes_at(0, min(source.size, len(files.SQLITE_MAGIC)))
-            if begin.startswith(files.ROS1_MAGIC):
-                yield from files.walk_ros1(source, problems)
-            elif begin.startswith(files.MCAP_MAGIC):
-                yield from files.walk_mcap(source, problems)
-            elif begin == files.SQLITE_MAGIC:
-                yield from files.walk_sqlite(path, problems)
+            begin = source.bytes_at(0, min(source.size, len(SQLITE_MAGIC)))
+            if begin.startswith(ROS1_MAGIC):
+                yield from walk_ros1(source, problems)
+            elif begin.startswith(MCAP_MAGIC):
+                yield from walk_mcap(source, problems)
+            elif begin == SQLITE_MAGIC:
+                yield from walk_sqlite(path, problems)
             elif tool := next(
                 (tool for magic, tool in UNPACKED_BY.items() if begin.startswith(magic)), None
             ):

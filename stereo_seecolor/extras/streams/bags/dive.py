@@ -31,15 +31,14 @@ from stereo_seecolor.extras.streams.bags.coded_video import (
     starts_in_the_middle,
 )
 from stereo_seecolor.extras.streams.bags.messages import (
-    between,
     camera_info,
     decode,
     frame_of,
     image_content,
     image_suffix,
     rig_of,
-    static_frames,
 )
+from stereo_seecolor.extras.streams.bags.static_transforms import between, static_frames
 from stereo_seecolor.extras.streams.bags.topics import (
     SideTopics,
     info_topic,

@@ -2,7 +2,6 @@
 camera_info as a calibration, and static transforms.
 """
 
-from collections import deque
 from functools import lru_cache
 from typing import Any
 
@@ -18,14 +17,12 @@ from stereo_seecolor.extras.streams.bags.bag import (
     COMPRESSED_IMAGES,
     TRANSFORMS,
     VIDEOS,
-    Bag,
     Entry,
     needs_library,
 )
 from stereo_seecolor.extras.streams.bags.foxglove import parse_foxglove
 from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
 from stereo_seecolor.files.tiff import encode_tiff
-from stereo_seecolor.geometry import pose, rotation_from_quaternion
 
 CHANNELS = {
     "mono8": 1, "8UC1": 1, "mono16": 1, "16UC1": 1,
@@ -260,52 +257,3 @@ def store(encoding: str) -> Any:
     for name, fields in _VIDEO_FIELDS.items():
         store.register(get_types_from_msg("\n".join(fields), name))
     return store
-
-
-# The static transforms of a bag: where one frame of the vehicle lies in another.
-
-Array = NDArray[np.float64]
-Frames = dict[str, list[tuple[str, Array]]]
-"""Frame -> its neighbors, each with (4, 4) from the neighbor's axes to this frame's."""
-
-
-def static_frames(bag: Bag) -> Frames:
-    """All frames that /tf_static connects. Raises InputError for a damaged message."""
-    frames: Frames = {}
-    for topic in bag.topics:
-        for entry in topic.entries if topic.msgtype in TRANSFORMS else ():
-            for item in decode(entry).transforms:
-                parent, child, move = (
-                    item.header.frame_id.lstrip("/"),
-                    item.child_frame_id.lstrip("/"),
-                    item.transform,
-                )
-                t = move.translation
-                T = pose(
-                    rotation_from_quaternion([xyzw(move.rotation)]), np.array([[t.x, t.y, t.z]])
-                )[0]
-                frames.setdefault(parent, []).append((child, T))
-                frames.setdefault(child, []).append((parent, np.linalg.inv(T)))
-    return frames
-
-
-def between(frames: Frames, start: str, end: str) -> Array | None:
-    """(4, 4) from the axes of ``end`` to those of ``start``, over as few transforms as possible;
-    None where nothing leads there.
-    """
-    start, end = start.lstrip("/"), end.lstrip("/")
-    waiting, known = deque([start]), {start: np.eye(4)}
-    while waiting:
-        at = waiting.popleft()
-        if at == end:
-            return known[at]
-        for neighbor, T in frames.get(at, []):
-            if neighbor not in known:
-                known[neighbor] = known[at] @ T
-                waiting.append(neighbor)
-    return None
-
-
-def xyzw(quaternion: Any) -> tuple[float, float, float, float]:
-    """The components of a geometry_msgs/Quaternion."""
-    return quaternion.x, quaternion.y, quaternion.z, quaternion.w

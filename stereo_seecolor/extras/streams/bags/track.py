@@ -16,13 +16,8 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import FIX, POSES, Bag, Topic, open_bag
 from stereo_seecolor.extras.streams.bags.fixes import fixed_track
-from stereo_seecolor.extras.streams.bags.messages import (
-    between,
-    decode,
-    frame_of,
-    static_frames,
-    xyzw,
-)
+from stereo_seecolor.extras.streams.bags.messages import decode, frame_of
+from stereo_seecolor.extras.streams.bags.static_transforms import between, static_frames, xyzw
 from stereo_seecolor.extras.streams.bags.topics import side_topics
 from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotation

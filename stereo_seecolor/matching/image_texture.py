@@ -1,0 +1,84 @@
+"""The texture of an image, distinguished from noise: images of open water, even sand and thick haze
+have none to match.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, gray, shrink
+from stereo_seecolor.records import Image, StereoFrame
+
+
+@dataclass(frozen=True)
+class TextureConstants:
+    """Thresholds of texture.
+
+    block: side of a block that is judged as a whole, pixels of the reduced image.
+
+    least_ratio: of the amplitude at half the reduced size to that at the reduced size. White noise
+    0.50 to 0.70; nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom
+    of which a third still matches through haze 0.85 (median).
+
+    strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a
+    pixel.
+
+    least_levels: amplitude at half the reduced size, of 255, below which there is rounding and
+    compression alone: 0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom through haze of
+    which hardly a pixel matches 0.15, one of which most does 0.4.
+
+    least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in
+    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, drawn open water, even sand and haze
+    0.00 to 0.19.
+    """
+
+    block: int = 32
+    least_ratio: float = 0.8
+    strong_levels: float = 4.0
+    least_levels: float = 0.3
+    least_fraction: float = 0.25
+
+
+CONSTANTS = TextureConstants()
+
+
+def sides_without_texture(frame: StereoFrame) -> tuple[str, ...]:
+    """Name the sides, of "left" and "right", that show too little texture to be matched with
+    anything.
+    """
+    images = (("left", frame.left), ("right", frame.right))
+    return tuple(
+        side for side, image in images if textured_fraction(image) < CONSTANTS.least_fraction
+    )
+
+
+def textured_fraction(image: Image) -> float:
+    """Compute the fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show
+    texture.
+
+    Averaging 2 x 2 pixels halves white noise and leaves texture. Medians, since drifting particles
+    are few and bright.
+    """
+    whole = gray(image)
+    small = shrink(whole, 4 if whole.size > LARGE_IMAGE_PX else 2)
+    if min(small.shape) < CONSTANTS.block:
+        return 1.0  # too small to tell
+    fine = _amplitude(small, CONSTANTS.block)
+    coarse = _amplitude(shrink(small, 2), CONSTANTS.block // 2)[: fine.shape[0], : fine.shape[1]]
+    textured = (coarse > CONSTANTS.least_ratio * fine) & (coarse > CONSTANTS.least_levels) | (
+        fine > CONSTANTS.strong_levels
+    )
+    return float(textured.mean())
+
+
+def _amplitude(image: Gray, block: int) -> NDArray[Any]:
+    """Median departure of a block's pixels from the mean of 5 x 5 around them, gray levels of
+    255.
+    """
+    departure = cv2.absdiff(image, cv2.blur(image, (5, 5)))
+    rows, columns = (length // block for length in image.shape)
+    blocks = departure[: rows * block, : columns * block].reshape(rows, block, columns, block)
+    return np.asarray(np.median(blocks, axis=(1, 3)) / 256)

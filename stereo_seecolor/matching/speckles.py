@@ -1,0 +1,29 @@
+"""Removal of small patches of disparity, which are mismatches."""
+
+import cv2
+import numpy as np
+
+from stereo_seecolor.matching.gray import LARGE_IMAGE_PX
+from stereo_seecolor.records import Map
+
+_UNKNOWN = -0x8000
+PER_PX = 16
+"""OpenCV's fixed-point disparities; neighbors that differ by a pixel or less belong to one
+patch.
+"""
+
+
+def remove_speckles(disparity: Map, pixels: int) -> None:
+    """Set disparities to NaN, in place, where fewer than ``pixels`` connected pixels share a
+    disparity to within one pixel.
+    """
+    every = 2 if disparity.size > LARGE_IMAGE_PX else 1
+    thin = disparity[::every, ::every]
+    fixed = np.where(np.isfinite(thin), thin * np.float32(PER_PX), _UNKNOWN).astype(np.int16)
+    kept = fixed.copy()
+    cv2.filterSpeckles(kept, _UNKNOWN, pixels // every**2, PER_PX)
+    speckle = kept != fixed
+    for row in range(every):
+        for column in range(every):
+            part = disparity[row::every, column::every]
+            part[speckle[: part.shape[0], : part.shape[1]]] = np.nan
