@@ -40,6 +40,10 @@ MANY = 9  # a repetition that runs more often may run without end
 
 # Patterns that a function makes of its arguments: module and expression -> values in its module.
 LOCAL_PATTERNS: dict[tuple[str, str], Callable[[Any], Iterable[str]]] = {
+    (
+        "calibration.formats.reading.aliases",
+        r"'|'.join(spellings.split()).replace('*', '\\w*')",
+    ): lambda m: [words.pattern for words in m.ALIASES.values()],
     ("calibration.formats.reading.unread_formats", "pattern"): lambda m: m.FOREIGN.values(),
     ("stereo_seecolor.files.csv_tables", "DECIMAL_COMMA.format(separator)"): lambda m: [
         m.DECIMAL_COMMA.format(";")
