@@ -183,7 +183,7 @@ def test_the_errors_of_a_water_by_its_parts_are_the_spread_of_dives():
 
 def test_blocks_that_enlarge_one_error_of_the_white_point_leave_none_of_its_ratios_smaller():
     """Errors of red, green and blue over their mean hold those of ratios: each cannot be enlarged
-    for itself (red over green had 27 % on a real dive, and blue over green 0 %).
+    for itself (on frames of a real dive red over green had 27 %, and blue over green 0 %).
     """
     frames = dive_in_sea(np.random.default_rng(1), 8)
     red_grows = [
