@@ -30,7 +30,7 @@ class SuspicionLimits:
     rms_px: float = 1.0  # a calibration is good to 0.3 px
 
 
-SUSPICION_LIMITS = SuspicionLimits()
+LIMITS = SuspicionLimits()
 
 
 def suspicions(rig: StereoRig) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
         for text in _camera_suspicions(side, camera)
     ]
     focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
-    if not SUSPICION_LIMITS.focal_ratio[0] < focal_ratio < SUSPICION_LIMITS.focal_ratio[1]:
+    if not LIMITS.focal_ratio[0] < focal_ratio < LIMITS.focal_ratio[1]:
         found.append(
             f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and "
             f"{rig.right.K[0, 0]:.0f} px right"
@@ -55,18 +55,14 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     # scipy would take 0.3 s to load
     turned = cv2.Rodrigues(quarter_turn(-quarter_turns_of(rig.R)) @ rig.R)[0]
     angle_deg = np.degrees(np.linalg.norm(turned))
-    if angle_deg > SUSPICION_LIMITS.angle_deg:
+    if angle_deg > LIMITS.angle_deg:
         found.append(
             f"the cameras are rotated by {angle_deg:.0f} degrees relative to each other: does "
             "the rotation belong to this rig?"
         )
     found += placement_suspicions(rig)
     kept = min(kept_fractions(rig))
-    if kept < (
-        SUSPICION_LIMITS.kept_fisheye
-        if rig.left.model == "fisheye"
-        else SUSPICION_LIMITS.kept_pinhole
-    ):
+    if kept < (LIMITS.kept_fisheye if rig.left.model == "fisheye" else LIMITS.kept_pinhole):
         found.append(
             f"rectified images keep {kept:.0%} of the field of view: check rotation, focal "
             "lengths and distortion"
@@ -76,10 +72,10 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
             "no lens distortion in the calibration, although its cameras are not rectified: is "
             "it missing in the file?"
         )
-    if rig.rms_px is not None and rig.rms_px > SUSPICION_LIMITS.rms_px:
+    if rig.rms_px is not None and rig.rms_px > LIMITS.rms_px:
         found.append(
             f"the reprojection error of the calibration is {rig.rms_px:.2f} px, over "
-            f"{SUSPICION_LIMITS.rms_px:g} px: calibrate again"
+            f"{LIMITS.rms_px:g} px: calibrate again"
         )
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
@@ -116,17 +112,17 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     found = []
     (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
     width, height = camera.image_size
-    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > SUSPICION_LIMITS.center_offset:
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > LIMITS.center_offset:
         found.append(
             f"{side}: the principal point ({cx:.0f}, {cy:.0f}) is far from the center of "
             f"{width}x{height} px: does K belong to another resolution (about "
             f"{2 * cx:.0f}x{2 * cy:.0f})?"
         )
-    if abs(fx / fy - 1) > SUSPICION_LIMITS.aspect:
+    if abs(fx / fy - 1) > LIMITS.aspect:
         found.append(
             f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, but pixels are usually square"
         )
-    if not SUSPICION_LIMITS.focal_of_width[0] < fx / width < SUSPICION_LIMITS.focal_of_width[1]:
+    if not LIMITS.focal_of_width[0] < fx / width < LIMITS.focal_of_width[1]:
         found.append(
             f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: does K belong "
             "to another resolution?"

@@ -3,7 +3,7 @@
 from calibration import Rectification
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import Image as RecordsImage
+from stereo_seecolor.records import Image
 from stereo_seecolor.run_folder.finished_run import FinishedRun
 
 
@@ -13,7 +13,7 @@ class RawImages:
     def __init__(self, run: FinishedRun) -> None:
         self._run, self._rectification = run, Rectification.from_rig(run.rig)
 
-    def rectified(self, name: str) -> RecordsImage:
+    def rectified(self, name: str) -> Image:
         """The rectified left image of a frame, upright, as sRGB values without a pedestal. Raises
         InputError where its file is missing.
         """

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.sequences import Lazy
 
-NamesItem = TypeVar("NamesItem")
+Item = TypeVar("Item")
 
 SLOTS = 1 << 6
 """Places of the hash table at first; twice as many whenever half of them are taken."""
@@ -107,19 +107,19 @@ class SomeNames(Collection[str]):
         return number is not None and bool(self.chosen[number])
 
 
-class ByName(Mapping[str, NamesItem]):
+class ByName(Mapping[str, Item]):
     """A mapping from names to items, with few different items, such as the water that many frames
     share.
     """
 
-    def __init__(self, pairs: Iterable[tuple[str, NamesItem]] = ()) -> None:
+    def __init__(self, pairs: Iterable[tuple[str, Item]] = ()) -> None:
         self._names, self._which = Names(), array("i")
-        self._items: list[NamesItem] = []
+        self._items: list[Item] = []
         self._places: dict[int, int] = {}
         for name, item in pairs:
             self.put(name, item)
 
-    def put(self, name: str, item: NamesItem) -> None:
+    def put(self, name: str, item: Item) -> None:
         """Set the item of a name."""
         place = self._places.setdefault(id(item), len(self._items))
         if place == len(self._items):
@@ -127,10 +127,10 @@ class ByName(Mapping[str, NamesItem]):
         number = self._names.add(name)
         self._which[number : number + 1] = array("i", [place])
 
-    def __reduce__(self) -> "tuple[Callable[..., ByName[NamesItem]], tuple[object, ...]]":
+    def __reduce__(self) -> "tuple[Callable[..., ByName[Item]], tuple[object, ...]]":
         return _by_name, (self._names, self._which.tobytes(), self._items)
 
-    def __getitem__(self, name: str) -> NamesItem:
+    def __getitem__(self, name: str) -> Item:
         number = self._names.number(name)
         if number is None:
             raise KeyError(name)
@@ -143,14 +143,14 @@ class ByName(Mapping[str, NamesItem]):
         return len(self._names)
 
     @property
-    def different(self) -> Sequence[NamesItem]:
+    def different(self) -> Sequence[Item]:
         """Every item once."""
         return self._items
 
 
-def _by_name(names: Names, which: bytes, items: list[NamesItem]) -> ByName[NamesItem]:
+def _by_name(names: Names, which: bytes, items: list[Item]) -> ByName[Item]:
     """The mapping from a pickle."""
-    found = ByName[NamesItem]()
+    found = ByName[Item]()
     found._names, found._which, found._items = names, array("i", which), items
     found._places = {id(item): place for place, item in enumerate(items)}
     return found

@@ -15,7 +15,7 @@ from typing import IO, Generic, TypeVar
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import OutputError
 
-PackedItem = TypeVar("PackedItem")
+Item = TypeVar("Item")
 
 CHUNK = 500
 """Items that are packed together: unpacking 500 rows takes some 10 ms. Shorter sequences are not
@@ -28,24 +28,24 @@ deleted with the process.
 
 
 @dataclass
-class _Open(Generic[PackedItem]):
+class _Open(Generic[Item]):
     """The unpacked chunk. which: its number."""
 
     which: int = 0
-    items: list[PackedItem] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
     changed: bool = False
 
 
-class Packed(Lazy[PackedItem]):
+class Packed(Lazy[Item]):
     """A sequence of picklable items: appended at the end, and read or replaced anywhere; fast if
     accessed in order.
     """
 
-    def __init__(self, items: Iterable[PackedItem] = ()) -> None:
+    def __init__(self, items: Iterable[Item] = ()) -> None:
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115  # the next line closes it
         weakref.finalize(self, self._file.close)
         self._starts, self._sizes = array("q"), array("q")
-        self._open: _Open[PackedItem] = _Open()
+        self._open: _Open[Item] = _Open()
         self._length = 0
         self._lock = Lock()
         for item in items:
@@ -54,15 +54,15 @@ class Packed(Lazy[PackedItem]):
     def __len__(self) -> int:
         return self._length
 
-    def __iter__(self) -> Iterator[PackedItem]:
+    def __iter__(self) -> Iterator[Item]:
         return (self.item(number) for number in range(self._length))
 
-    def item(self, number: int) -> PackedItem:
+    def item(self, number: int) -> Item:
         """The item of this number."""
         with self._lock:
             return self._chunk(number // CHUNK).items[number % CHUNK]
 
-    def append(self, item: PackedItem) -> None:
+    def append(self, item: Item) -> None:
         """Append an item. Raises OutputError where it fits neither into memory nor onto the
         disk.
         """
@@ -72,14 +72,14 @@ class Packed(Lazy[PackedItem]):
             chunk.changed = True
             self._length += 1
 
-    def replace(self, number: int, item: PackedItem) -> None:
+    def replace(self, number: int, item: Item) -> None:
         """Replace an item. Raises OutputError as ``append``."""
         with self._lock:
             chunk = self._chunk(number // CHUNK)
             chunk.items[number % CHUNK] = item
             chunk.changed = True
 
-    def _chunk(self, which: int) -> _Open[PackedItem]:
+    def _chunk(self, which: int) -> _Open[Item]:
         """Unpack a chunk; the one that was unpacked before is packed again if it was changed."""
         if which != self._open.which:
             if self._open.changed:
@@ -99,8 +99,8 @@ class Packed(Lazy[PackedItem]):
         self._starts[which : which + 1] = array("q", [start])
         self._sizes[which : which + 1] = array("q", [len(content)])
 
-    def _read(self, which: int) -> list[PackedItem]:
+    def _read(self, which: int) -> list[Item]:
         self._file.seek(self._starts[which])
         # our own
-        found: list[PackedItem] = pickle.loads(zlib.decompress(self._file.read(self._sizes[which])))
+        found: list[Item] = pickle.loads(zlib.decompress(self._file.read(self._sizes[which])))
         return found

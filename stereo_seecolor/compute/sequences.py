@@ -6,35 +6,35 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TypeVar, overload
 
-LazyItem = TypeVar("LazyItem", covariant=True)
+Item = TypeVar("Item", covariant=True)
 
 
-class Lazy(Sequence[LazyItem]):
+class Lazy(Sequence[Item]):
     """A sequence whose items ``item`` makes; a slice of it is a list."""
 
     @abstractmethod
-    def item(self, number: int) -> LazyItem:
+    def item(self, number: int) -> Item:
         """The item of this number, from 0 to the length less 1."""
 
     @overload
-    def __getitem__(self, index: int) -> LazyItem: ...
+    def __getitem__(self, index: int) -> Item: ...
     @overload
-    def __getitem__(self, index: slice) -> list[LazyItem]: ...
-    def __getitem__(self, index: int | slice) -> LazyItem | list[LazyItem]:
+    def __getitem__(self, index: slice) -> list[Item]: ...
+    def __getitem__(self, index: int | slice) -> Item | list[Item]:
         if isinstance(index, slice):
             return [self.item(i) for i in range(len(self))[index]]
         return self.item(range(len(self))[index])
 
 
-class Chosen(Lazy[LazyItem]):
+class Chosen(Lazy[Item]):
     """Some items of a sequence. numbers: the numbers of these items, in order."""
 
-    def __init__(self, items: Sequence[LazyItem], numbers: Sequence[int]) -> None:
+    def __init__(self, items: Sequence[Item], numbers: Sequence[int]) -> None:
         self._items, self._numbers = items, numbers
 
     def __len__(self) -> int:
         return len(self._numbers)
 
-    def item(self, number: int) -> LazyItem:
+    def item(self, number: int) -> Item:
         """The item of this number among those chosen."""
         return self._items[self._numbers[number]]

@@ -32,7 +32,7 @@ class PlacingSettings:
     least_px: float = 0.02
 
 
-PLACING_SETTINGS = PlacingSettings()
+SETTINGS = PlacingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def place(
     cv2.fillConvexPoly(inside, np.rint(observation.corners_px).astype(np.int32), 1)
     rows, columns = np.nonzero(inside)
     known = np.isfinite(frame.range_m[rows, columns])
-    if known.sum() < max(PLACING_SETTINGS.fewest_px, PLACING_SETTINGS.covered * len(rows)):
+    if known.sum() < max(SETTINGS.fewest_px, SETTINGS.covered * len(rows)):
         return None
     rows, columns = rows[known], columns[known]
     disparity = geometry.disparity_from_depth(geometry.depth_from_range(frame.range_m))[
@@ -83,12 +83,10 @@ def place(
     )
     x = (corners[:, 0] - geometry.cx_left_px) / geometry.focal_px
     y = (corners[:, 1] - geometry.cy_px) / geometry.focal_px
-    of_mean_px = max(
-        spread_px * float(np.sqrt(PLACING_SETTINGS.alike_px / len(rows))), PLACING_SETTINGS.least_px
-    )
+    of_mean_px = max(spread_px * float(np.sqrt(SETTINGS.alike_px / len(rows))), SETTINGS.least_px)
     # twice that of the middle: the plane turns
     at_corner = 2 * of_mean_px / (geometry.focal_px * geometry.baseline_m)
-    std = PLACING_SETTINGS.corner_px / geometry.focal_px, at_corner
+    std = SETTINGS.corner_px / geometry.focal_px, at_corner
     return PlacedSighting(
         observation.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1), std
     )
@@ -103,7 +101,7 @@ def _plane(pixels: Array, disparity: Array) -> tuple[Array, float]:
     basis = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
     weight = np.ones(len(basis))
     plane, spread_px = np.zeros(3), 0.0
-    for _ in range(PLACING_SETTINGS.rounds):
+    for _ in range(SETTINGS.rounds):
         scaled = basis * weight[:, None]
         plane = np.asarray(
             np.linalg.lstsq(scaled.T @ basis, scaled.T @ disparity, rcond=None)[0], np.float64

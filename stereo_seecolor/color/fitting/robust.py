@@ -52,7 +52,7 @@ class RobustSettings:
     """
 
 
-ROBUST_SETTINGS = RobustSettings()
+SETTINGS = RobustSettings()
 COLOR_AXES = np.array([[3**0.5, 0.0, -(3**0.5)], [1.0, -2.0, 1.0]]).T / 6**0.5
 """(3, 2) orthonormal axes of colors: warm to cool, and green to magenta; brightness is across."""
 LEAST_PRECISION = 1e-6
@@ -120,13 +120,13 @@ def _begin(
         x = mean.copy()
         x[12:WATER] += (brightest - x[12:WATER]).mean()
     begin_content(x, seen.range_m, light)
-    trust = seen.pixels / (seen.pixels + ROBUST_SETTINGS.few_pixels) * (not seen.clipped.all())
+    trust = seen.pixels / (seen.pixels + SETTINGS.few_pixels) * (not seen.clipped.all())
     return FitProblem(seen.range_m, light, seen.clipped, trust, mean, precision), x
 
 
 def scale_of(seen: RangeQuantiles) -> float:
     """The brightest light, a fraction of full scale, against which the fit counts light."""
-    return max(float(seen.light[..., -2].max()), ROBUST_SETTINGS.least_light)
+    return max(float(seen.light[..., -2].max()), SETTINGS.least_light)
 
 
 def _water(
@@ -143,9 +143,7 @@ def _water(
     covariance: NDArray[np.float64] = np.asarray(
         np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER], np.float64
     )
-    learned = deviations(covariance) < ROBUST_SETTINGS.nothing_learned * deviations(
-        prior_covariance
-    )
+    learned = deviations(covariance) < SETTINGS.nothing_learned * deviations(prior_covariance)
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
     errors[:4] = standard_errors(
@@ -239,7 +237,7 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
             "every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",
         )
     near_m, far_m = seen.range_m[0], seen.range_m[-1]
-    if far_m > ROBUST_SETTINGS.little_relief * near_m:
+    if far_m > SETTINGS.little_relief * near_m:
         return ()
     return (
         f"{LITTLE_RELIEF}, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; "
@@ -251,7 +249,7 @@ def _highlight_warnings(apart: Vector, quantiles: int) -> tuple[str, ...]:
     """A warning where highlights contradict the scene. apart: parameters less prior means."""
     content = apart[WATER : WATER + 3 * quantiles].reshape(3, quantiles)
     redder = content[:, HIGHLIGHTS].mean(axis=1) - content[:, MIDDLE].mean(axis=1)
-    return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > ROBUST_SETTINGS.red_highlights else ()
+    return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > SETTINGS.red_highlights else ()
 
 
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
@@ -261,9 +259,7 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
     far = np.exp(log_far)
     loss = optical_depth(range_m, far * np.expm1(log_near), RATE_OF_CHANGE, far, 0.0)
     direct = (
-        np.log(
-            np.maximum(light - veil[..., None], ROBUST_SETTINGS.least_direct * light) + NOISE.floor
-        )
+        np.log(np.maximum(light - veil[..., None], SETTINGS.least_direct * light) + NOISE.floor)
         + (loss - log_white)[..., None]
     )
     reflectance = x[WATER : WATER + direct[:, 0].size].reshape(3, 1, -1)

@@ -38,7 +38,8 @@ def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) ->
     outline = np.array([ground.cell(*spot.point_m[:2]) for spot in spots])
     corner = np.floor(outline.min(axis=0)).astype(int) - RIM_CELLS - 1
     width, height = np.ceil(outline.max(axis=0)).astype(int) + RIM_CELLS + 2 - corner
-    heights = _window(ground, corner, width, height)
+    left, top = corner.tolist()
+    heights = ground.window(left, top, left + width - 1, top + height - 1)
     own = np.array(
         [
             [inside(outline, corner[0] + column, corner[1] + row) for column in range(width)]
@@ -59,17 +60,6 @@ def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) ->
         volume_l * _stepped(heights, own, ground.gap_m) / np.sqrt(3),  # even from empty to full
     )
     return Measured(volume_l, float(np.linalg.norm(stds)), 3)
-
-
-def _window(ground: Ground, corner: NDArray[np.int64], width: int, height: int) -> Array:
-    heights = np.full((height, width), np.nan)
-    left, top = np.maximum(-corner, 0)
-    part = ground.heights_m[
-        max(corner[1], 0) : max(corner[1] + height, 0),
-        max(corner[0], 0) : max(corner[0] + width, 0),
-    ]
-    heights[top : top + part.shape[0], left : left + part.shape[1]] = part
-    return heights
 
 
 def _gain_l(own: Mask, known: Mask, rim: Mask, cell_m: float, correlation_m: float) -> float:

@@ -54,7 +54,7 @@ def length_table(out: Path, points: Path) -> str:
         time = "" if stamp is None else f"{(stamp - min(stamps)) / 60:.5f}"
         numbers: tuple[str, ...] = ("",) * len(NUMBERS)
         if found.value is not None and found.std is not None:
-            numbers = _numbers_length_table(surface, wanted.places, found.value, found.std)
+            numbers = _numbers(surface, wanted.places, found.value, found.std)
         rows.append(
             "\t".join((out.resolve().name, wanted.frame, time, *_label(wanted.label), *numbers))
         )
@@ -70,7 +70,7 @@ def _label(label: str) -> tuple[str, str, str, str, str]:
     return "", "", "", "1", " ".join(words)
 
 
-def _numbers_length_table(
+def _numbers(
     surface: FrameSurface, places: tuple[tuple[float, float], ...], length_m: float, std_m: float
 ) -> tuple[str, ...]:
     """The columns of NUMBERS for a length between the first and the last place. length_m, std_m:

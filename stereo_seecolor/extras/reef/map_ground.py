@@ -131,10 +131,10 @@ class Ground:
     def height_std_m(self, x_m: float, y_m: float) -> float:
         """The standard error of a height (mapping/raster/noise.py)."""
         column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
-        around = self._window(column, row, column, row, RELIEF_CELLS)
+        around = self.window(column, row, column, row, RELIEF_CELLS)
         return float(height_stds(around, self.std_m)[RELIEF_CELLS, RELIEF_CELLS])
 
-    def _window(self, left: int, top: int, right: int, bottom: int, margin: int) -> Array:
+    def window(self, left: int, top: int, right: int, bottom: int, margin: int = 0) -> Array:
         """The heights from one cell to another with a margin around, NaN off the map."""
         height, width = self.heights_m.shape
         rows, columns = (
@@ -253,7 +253,7 @@ class Ground:
         if not len(cells):
             return np.zeros(0), np.zeros(0)
         (left, top), (right, bottom) = cells.min(axis=0), cells.max(axis=0)
-        window = self._window(left, top, right, bottom, RELIEF_CELLS)
+        window = self.window(left, top, right, bottom, RELIEF_CELLS)
         columns, rows = (cells - (left, top) + RELIEF_CELLS).T
         known = np.isfinite(window[rows, columns])
         rows, columns = rows[known], columns[known]

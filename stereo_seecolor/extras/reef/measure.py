@@ -350,19 +350,17 @@ def _wanted(row: dict[str, str], where: str) -> Wanted:
             frame,
             kind,
             row["label"] or "",
-            (_numbers_measure(row, FRAME_COLUMNS, where),),
+            (_numbers(row, FRAME_COLUMNS, where),),
             clicks_px=(_click(row, "click_px", where),),
         )
-    x_m, y_m = _numbers_measure(row, MAP_COLUMNS, where)
+    x_m, y_m = _numbers(row, MAP_COLUMNS, where)
     given = (row.get("z_m") or "nan").lower() != "nan"
     z_m = _number(row["z_m"], "z_m", where) if given else math.nan
     spot = x_m, y_m, z_m, _click(row, "click_m", where)
     return Wanted(row["measure"], frame, kind, row["label"] or "", (), (spot,))
 
 
-def _numbers_measure(
-    row: dict[str, str], names: tuple[str, str], where: str
-) -> tuple[float, float]:
+def _numbers(row: dict[str, str], names: tuple[str, str], where: str) -> tuple[float, float]:
     x, y = (_number(row.get(name), name, where) for name in names)
     return x, y
 

@@ -37,7 +37,7 @@ class DeviationSettings:
     most_frames: int = 3  # an edge over more frames does not tell between which of them
 
 
-DEVIATION_SETTINGS = DeviationSettings()
+SETTINGS = DeviationSettings()
 
 
 def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
@@ -45,7 +45,7 @@ def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) 
     edges of the pictures show them.
     """
     posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
-    if len(posed) < DEVIATION_SETTINGS.min_edges:
+    if len(posed) < SETTINGS.min_edges:
         return []
     return [
         *_scale(Motions.of(T_world_camera, posed), posed),
@@ -72,9 +72,7 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
         found.append((middle, 1.2533 * scatter / np.sqrt(frames)))  # the standard error of a median
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
-    if not one_way or abs(scale - 1) < max(
-        DEVIATION_SETTINGS.least_scale, DEVIATION_SETTINGS.sigmas * std
-    ):
+    if not one_way or abs(scale - 1) < max(SETTINGS.least_scale, SETTINGS.sigmas * std):
         return []
     return [
         f"the given positions are {scale:.3f} ± {std:.3f} times as far apart as in the images: "
@@ -102,11 +100,11 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
     )
     off_m *= np.sign(rank[:, 1] - rank[:, 0])[:, None]
     first, last = rank.min(axis=1), rank.max(axis=1)
-    if (last - first > DEVIATION_SETTINGS.most_frames).all():
+    if (last - first > SETTINGS.most_frames).all():
         return []
     steps = [
-        np.flatnonzero((last - first > step) & (last - first <= DEVIATION_SETTINGS.most_frames))
-        for step in range(DEVIATION_SETTINGS.most_frames)
+        np.flatnonzero((last - first > step) & (last - first <= SETTINGS.most_frames))
+        for step in range(SETTINGS.most_frames)
     ]
     edge, place = (
         np.concatenate(steps),
@@ -121,8 +119,8 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
         for own in np.split(edge[by_place], starts[1:])
     ]
     limit_m = max(
-        DEVIATION_SETTINGS.least_jump_m,
-        DEVIATION_SETTINGS.times_median * float(np.median(jump_m[1 + places])),
+        SETTINGS.least_jump_m,
+        SETTINGS.times_median * float(np.median(jump_m[1 + places])),
     )
     peak = (jump_m[1:-1] > limit_m) & (jump_m[1:-1] >= jump_m[:-2]) & (jump_m[1:-1] > jump_m[2:])
     if not peak.any():
@@ -155,4 +153,4 @@ def _alone_m(before: Array, after: Array) -> float:
         return 0.0
     both = np.median(before, axis=0), np.median(after, axis=0)
     off_m = float(np.linalg.norm(both[0] + both[1]) / 2)
-    return off_m if np.linalg.norm(both[0] - both[1]) < DEVIATION_SETTINGS.alike * off_m else 0.0
+    return off_m if np.linalg.norm(both[0] - both[1]) < SETTINGS.alike * off_m else 0.0

@@ -35,7 +35,7 @@ class FixSettings:
     most_heading_deg: float = 30.0
 
 
-FIX_SETTINGS = FixSettings()
+SETTINGS = FixSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,21 +99,19 @@ def fit_to_fixes(track_m: Array, fixes_m: Array, std_m: float | None) -> FixFit 
 
     std_m: standard error of a fix, east or north; None: from how they scatter.
     """
-    if len(track_m) < FIX_SETTINGS.fewest:
+    if len(track_m) < SETTINGS.fewest:
         return None
     weights, known_m = np.ones(len(track_m)), std_m
-    for _ in range(FIX_SETTINGS.rounds):
+    for _ in range(SETTINGS.rounds):
         T, arms = _weighted(track_m, fixes_m, weights)
         off = (track_m @ T[:3, :3].T + T[:3, 3] - fixes_m)[:, :2]
         scatter_m = known_m or max(deviation_about_zero(off), 1e-3)
         weights = biweight(np.linalg.norm(off, axis=1) / (TUKEY * scatter_m))
-        if np.count_nonzero(weights) < FIX_SETTINGS.fewest:
+        if np.count_nonzero(weights) < SETTINGS.fewest:
             return None
     reach_m = float(np.sqrt((weights[:, None] * arms**2).sum() / weights.sum()))
     heading_deg = float(np.degrees(scatter_m / max(reach_m, 1e-9)))
-    return (
-        FixFit(T, scatter_m, heading_deg) if heading_deg <= FIX_SETTINGS.most_heading_deg else None
-    )
+    return FixFit(T, scatter_m, heading_deg) if heading_deg <= SETTINGS.most_heading_deg else None
 
 
 def _weighted(track_m: Array, fixes_m: Array, weights: Array) -> tuple[Array, Array]:

@@ -41,7 +41,7 @@ class InterpretationSettings:
     least_turn_rad: float = 0.15
 
 
-INTERPRETATION_SETTINGS = InterpretationSettings()
+SETTINGS = InterpretationSettings()
 
 
 def better_interpretation(
@@ -50,11 +50,11 @@ def better_interpretation(
     """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is
     ``plain``; else None.
     """
-    if not np.isfinite(plain) or plain < INTERPRETATION_SETTINGS.misfit:
+    if not np.isfinite(plain) or plain < SETTINGS.misfit:
         return None
-    chosen = edges[:: max(1, len(edges) // INTERPRETATION_SETTINGS.edges)]
+    chosen = edges[:: max(1, len(edges) // SETTINGS.edges)]
     found, name = min(((misfit(T, chosen), name) for name, T in others), key=lambda pair: pair[0])
-    return name if found < INTERPRETATION_SETTINGS.better * plain else None
+    return name if found < SETTINGS.better * plain else None
 
 
 def interpretations(
@@ -85,7 +85,7 @@ def interpretations(
     yield from (
         reading
         for reading in _of_other_units_or_north(T, edges)
-        if misfit(reading[1], edges) < INTERPRETATION_SETTINGS.estimated_misfit
+        if misfit(reading[1], edges) < SETTINGS.estimated_misfit
     )
 
 
@@ -119,8 +119,8 @@ def is_rather_inverted(turned: Array, turn: Turn, T: Array, edges: Sequence[Edge
     """
     inverted = _turned_back(T)
     if (
-        np.radians(turn.angle_deg) > INTERPRETATION_SETTINGS.inverted_rad
-        or misfit(inverted, edges) > INTERPRETATION_SETTINGS.estimated_misfit
+        np.radians(turn.angle_deg) > SETTINGS.inverted_rad
+        or misfit(inverted, edges) > SETTINGS.estimated_misfit
     ):
         return False
     costs = (np.log1p(misfits(poses, edges) ** 2).mean() for poses in (inverted, turned))
@@ -155,14 +155,11 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
     given_m = np.array([T[edge.j, :3, 3] - T[edge.i, :3, 3] for edge in posed])
     measured_m = np.array([T[edge.i, :3, :3] @ edge.T_i_j[:3, 3] for edge in posed])
     scale = float((given_m * measured_m).sum() / max((measured_m**2).sum(), 1e-12))
-    if (
-        scale > INTERPRETATION_SETTINGS.least_scale
-        or 0 < scale < 1 / INTERPRETATION_SETTINGS.least_scale
-    ):
+    if scale > SETTINGS.least_scale or 0 < scale < 1 / SETTINGS.least_scale:
         units = (
             unit
             for unit, per_m in _PER_METER.items()
-            if abs(scale / per_m - 1) < INTERPRETATION_SETTINGS.same_unit
+            if abs(scale / per_m - 1) < SETTINGS.same_unit
         )
         yield (
             next((f"positions in {unit}" for unit in units), f"positions divided by {scale:.3g}"),
@@ -170,7 +167,7 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
         )
     across = (given_m @ [1, 1j, 0]) * (measured_m @ [1, -1j, 0])
     turn_rad = float(np.angle(across.sum()))
-    if abs(turn_rad) > INTERPRETATION_SETTINGS.least_turn_rad:
+    if abs(turn_rad) > SETTINGS.least_turn_rad:
         back = Rotation.from_euler("z", -turn_rad).as_matrix()
         name = (
             f"positions rotated by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or "
@@ -180,7 +177,7 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
 
 
 def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]:
-    for steps in (s for n in range(1, INTERPRETATION_SETTINGS.frames + 1) for s in (n, -n)):
+    for steps in (s for n in range(1, SETTINGS.frames + 1) for s in (n, -n)):
         result = np.full_like(T, np.nan)
         source, target = index.order[max(steps, 0) :], index.order[max(-steps, 0) :]
         result[target[: len(source)]] = T[source[: len(target)]]
@@ -194,14 +191,10 @@ def _at_other_times(
     index: FrameIndex, trajectory: Trajectory, config: MappingConfig
 ) -> Iterator[tuple[str, Array]]:
     times = np.sort(index.timestamps_s[np.isfinite(index.timestamps_s)])
-    step_s = (
-        float(np.median(np.diff(times))) / INTERPRETATION_SETTINGS.clock_parts
-        if len(times) > 1
-        else 0.0
-    )
+    step_s = float(np.median(np.diff(times))) / SETTINGS.clock_parts if len(times) > 1 else 0.0
     for number in range(
-        -INTERPRETATION_SETTINGS.clock_steps * INTERPRETATION_SETTINGS.clock_parts,
-        INTERPRETATION_SETTINGS.clock_steps * INTERPRETATION_SETTINGS.clock_parts + 1,
+        -SETTINGS.clock_steps * SETTINGS.clock_parts,
+        SETTINGS.clock_steps * SETTINGS.clock_parts + 1,
     ):
         shift_s = number * step_s
         if shift_s:

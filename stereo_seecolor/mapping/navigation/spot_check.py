@@ -37,7 +37,7 @@ class SpotSettings:
     worst_voxels: float = 1.0  # and all of them to so many
 
 
-SPOT_SETTINGS = SpotSettings()
+SETTINGS = SpotSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +55,17 @@ def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
     order = survey.index.order
     placed = [rank for rank in range(len(order)) if given.components[order[rank]] >= 0]
     neighbors = [(a, b) for a, b in pairwise(placed) if _joined(given, order[[a, b]])]
-    neighbors = _thinned(neighbors, SPOT_SETTINGS.neighbors)
+    neighbors = _thinned(neighbors, SETTINGS.neighbors)
     points = (
         (a, transformed(given.T_world_camera[order[a]], _points(survey, order[a]))) for a in placed
     )
     crossings = [pair for pair in by_overlap(points, 1) if _joined(given, order[list(pair)])]
-    edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SPOT_SETTINGS.crossings)}))
+    edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SETTINGS.crossings)}))
     found = sum(abs(survey.index.rank[e.i] - survey.index.rank[e.j]) == 1 for e in edges)
-    if len(edges) < SPOT_SETTINGS.min_edges or found < SPOT_SETTINGS.found * len(neighbors):
+    if len(edges) < SETTINGS.min_edges or found < SETTINGS.found * len(neighbors):
         return Spots(edges, False)
     off_m = np.array([_off_m(edge, given, _points(survey, edge.j)) for edge in edges])
-    limits_m = SPOT_SETTINGS.voxels * voxel_m, SPOT_SETTINGS.worst_voxels * voxel_m
+    limits_m = SETTINGS.voxels * voxel_m, SETTINGS.worst_voxels * voxel_m
     return Spots(edges, bool(np.quantile(off_m, 0.9) < limits_m[0] and off_m.max() < limits_m[1]))
 
 
@@ -117,7 +117,7 @@ def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> floa
 
 
 def _points(survey: Survey, frame: int) -> NDArray[np.float32]:
-    return survey.index.points_m[frame][:: SPOT_SETTINGS.point_step]
+    return survey.index.points_m[frame][:: SETTINGS.point_step]
 
 
 def _joined(given: Placement, frames: NDArray[np.int64]) -> bool:

@@ -19,7 +19,7 @@ class MosaicCellSettings:
     cells: float = 16e6
 
 
-MOSAIC_CELL_SETTINGS = MosaicCellSettings()
+SETTINGS = MosaicCellSettings()
 
 
 def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
@@ -40,7 +40,5 @@ def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling
         / component.survey.geometry.focal_px
     )
     area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
-    cell_m = max(
-        pixel_m, min(float(np.sqrt(area_m2 / MOSAIC_CELL_SETTINGS.cells)), config.mosaic_cell_m)
-    )
+    cell_m = max(pixel_m, min(float(np.sqrt(area_m2 / SETTINGS.cells)), config.mosaic_cell_m))
     return config.model_copy(update={"mosaic_m": rounded(cell_m)})

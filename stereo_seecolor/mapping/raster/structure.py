@@ -43,7 +43,7 @@ class RdhSettings:
     fewest_scales: int = 3  # two always lie on a line
 
 
-RDH_SETTINGS = RdhSettings()
+SETTINGS = RdhSettings()
 STUDENT = {2: 2.195, 3: 1.624}
 """By degrees of freedom: the 97.5 % quantile of Student's distribution over the normal one."""
 
@@ -87,8 +87,8 @@ def height_ranges(heights: Heights, cell_m: float) -> tuple[Heights, Heights]:
     edge_m = min(heights.shape) * cell_m
     parts = [
         2**k
-        for k in range(RDH_SETTINGS.halvings + 1)
-        if edge_m / 2**k >= RDH_SETTINGS.finest_cells * cell_m
+        for k in range(SETTINGS.halvings + 1)
+        if edge_m / 2**k >= SETTINGS.finest_cells * cell_m
     ]
     return edge_m / np.array(parts, np.float64), np.array(
         [mean_height_range(heights, part) for part in parts]
@@ -120,7 +120,7 @@ def mean_height_range(heights: Heights, parts: int) -> float:
 def dimension(edges_m: Heights, ranges_m: Heights) -> float:
     """3 - slope of log range over log edge; a surface without any height is flat."""
     usable = np.isfinite(ranges_m) & (ranges_m > 0)
-    if usable.sum() >= RDH_SETTINGS.fewest_scales:
+    if usable.sum() >= SETTINGS.fewest_scales:
         return 3 - float(np.polyfit(np.log(edges_m[usable]), np.log(ranges_m[usable]), 1)[0])
     return 2.0 if len(ranges_m) and (ranges_m == 0).all() else float("nan")
 

@@ -38,7 +38,7 @@ class BundleSettings:
     held_std: float = 1e-6  # meters and radians, of the frame that stays where it is
 
 
-BUNDLE_SETTINGS = BundleSettings()
+SETTINGS = BundleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,13 @@ def adjust(
             Prior(
                 first,
                 T[first],
-                np.full(3, BUNDLE_SETTINGS.held_std),
-                BUNDLE_SETTINGS.held_std,
+                np.full(3, SETTINGS.held_std),
+                SETTINGS.held_std,
             )
         ]
     stated = BundleProblem.of(observations, priors, known)
     state, scale = State(T[stated.frames], stated.first_places(T[stated.frames])), (1.0, 1.0)
-    for tolerance in BUNDLE_SETTINGS.tolerances:
+    for tolerance in SETTINGS.tolerances:
         problem, used = stated.scaled(*scale), scale
         state = _solved(problem, state, tolerance)
         scale = _scales(problem, state, used)
@@ -95,8 +95,8 @@ def adjust(
 
 def _solved(problem: BundleProblem, state: State, tolerance: float) -> State:
     """The state of least cost near a state; tolerance: of the cost."""
-    cost, damping = problem.cost(state), BUNDLE_SETTINGS.damping
-    for _ in range(BUNDLE_SETTINGS.iterations):
+    cost, damping = problem.cost(state), SETTINGS.damping
+    for _ in range(SETTINGS.iterations):
         try:
             there = problem.moved(state, problem.linearized(state, damping))
             less = cost - problem.cost(there)
@@ -106,10 +106,10 @@ def _solved(problem: BundleProblem, state: State, tolerance: float) -> State:
             state, cost, damping = (
                 there,
                 cost - less,
-                damping / BUNDLE_SETTINGS.damping_step,
+                damping / SETTINGS.damping_step,
             )
         else:
-            damping *= BUNDLE_SETTINGS.damping_step
+            damping *= SETTINGS.damping_step
         if abs(less) <= tolerance * cost:
             break
     return state
@@ -119,7 +119,7 @@ def _scales(problem: BundleProblem, state: State, used: tuple[float, float]) -> 
     """Robust standard deviations of the errors of directions and of inverse depths, in stated
     ones.
     """
-    errors, (low, high) = problem.errors(state), BUNDLE_SETTINGS.scales
+    errors, (low, high) = problem.errors(state), SETTINGS.scales
     directions, depths = (
         float(np.clip(deviation_about_zero(part) * by, low, high))
         for part, by in zip((errors[:, :2], errors[:, 2]), used, strict=True)

@@ -27,7 +27,7 @@ class SmoothingSettings:
     unknown_std: float = 0.01  # standard error as a fraction of the range where it is not known
 
 
-SMOOTHING_SETTINGS = SmoothingSettings()
+SETTINGS = SmoothingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,19 +85,19 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
             + cv2.sepFilter2D(filled, -1, mean_of, slope) ** 2
         )
         variance = _mean(inverse * inverse, width) / share - mean**2 - tilt * (width**2 - 1) / 12
-        std_m = np.where(np.isfinite(stated_m), stated_m, SMOOTHING_SETTINGS.unknown_std * range_m)
+        std_m = np.where(np.isfinite(stated_m), stated_m, SETTINGS.unknown_std * range_m)
         std = std_m * inverse / range_m
         smooth = (
             np.sqrt(np.maximum(variance, 0))
-            < SMOOTHING_SETTINGS.max_spread_std * std + SMOOTHING_SETTINGS.max_spread * mean
+            < SETTINGS.max_spread_std * std + SETTINGS.max_spread * mean
         )
-    usable = known & (share > SMOOTHING_SETTINGS.min_known) & smooth
+    usable = known & (share > SETTINGS.min_known) & smooth
     return SmoothDepth(mean.astype(np.float32), std.astype(np.float32), usable, every)
 
 
 def _window(every: int) -> int:
     """The window's width in the pixels that are left: odd, and three at least."""
-    return max(3, SMOOTHING_SETTINGS.window_px // every // 2 * 2 + 1)
+    return max(3, SETTINGS.window_px // every // 2 * 2 + 1)
 
 
 def _mean(values: Map, width: int) -> Map:

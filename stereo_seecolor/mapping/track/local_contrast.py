@@ -30,7 +30,7 @@ class ContrastSettings:
     fill_known: float = 0.02  # of such a window: fewer known pixels make no mean
 
 
-CONTRAST_SETTINGS = ContrastSettings()
+SETTINGS = ContrastSettings()
 
 
 def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
@@ -40,12 +40,12 @@ def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
     filled = _filled(gray)
     if scale < 1:
         filled = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    logarithm = np.log(filled + np.float32(CONTRAST_SETTINGS.offset))
-    detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), CONTRAST_SETTINGS.mean_px)
-    spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), CONTRAST_SETTINGS.spread_px))
+    logarithm = np.log(filled + np.float32(SETTINGS.offset))
+    detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), SETTINGS.mean_px)
+    spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), SETTINGS.spread_px))
     return np.asarray(
         np.clip(
-            128 + CONTRAST_SETTINGS.gain * detail / (spread + CONTRAST_SETTINGS.noise),
+            128 + SETTINGS.gain * detail / (spread + SETTINGS.noise),
             0,
             255,
         ),
@@ -59,11 +59,11 @@ def _filled(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
     """
     known = (gray > 0).astype(np.float32)
     filled = gray.astype(np.float32)
-    for width in CONTRAST_SETTINGS.fill_px:
+    for width in SETTINGS.fill_px:
         if known.all():
             break
         share = cv2.blur(known, (width, width))
         mean = cv2.blur(filled * known, (width, width)) / np.maximum(share, 1e-6)
-        filled = np.where((known == 0) & (share > CONTRAST_SETTINGS.fill_known), mean, filled)
-        known = np.where(share > CONTRAST_SETTINGS.fill_known, np.float32(1), known)
+        filled = np.where((known == 0) & (share > SETTINGS.fill_known), mean, filled)
+        known = np.where(share > SETTINGS.fill_known, np.float32(1), known)
     return filled

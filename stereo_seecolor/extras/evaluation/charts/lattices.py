@@ -46,7 +46,7 @@ class LatticeLimits:
     rounds: int = 16
 
 
-LATTICE_LIMITS = LatticeLimits()
+LIMITS = LatticeLimits()
 _AROUND = np.array([[-1, 0], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]])
 
 
@@ -62,14 +62,14 @@ class Lattice:
 
 def lattices(patches: FlatPatches) -> Iterator[Lattice]:
     """The grids of patches, the best supported first; no patch is in two."""
-    if len(patches.centers) < LATTICE_LIMITS.least_cells:
+    if len(patches.centers) < LIMITS.least_cells:
         return
     tree = KDTree(patches.centers)
     taken: set[int] = set()
     for seed in _seeds(patches, tree):
         if taken.isdisjoint(seed):
             of = _grown(patches, tree, seed)
-            if len(of) >= LATTICE_LIMITS.least_cells:
+            if len(of) >= LIMITS.least_cells:
                 taken |= set(of.values())
                 yield Lattice(np.array(list(of), np.int64), patches.centers[list(of.values())])
 
@@ -89,18 +89,16 @@ def _seeds(patches: FlatPatches, tree: KDTree) -> list[tuple[int, int, int]]:
     expected = (
         patches.centers[first][:, None] + u[:, None] * _AROUND[:, :1] + v[:, None] * _AROUND[:, 1:]
     )
-    distance, at = tree.query(
-        expected, distance_upper_bound=LATTICE_LIMITS.tolerance * float(step.max())
-    )
+    distance, at = tree.query(expected, distance_upper_bound=LIMITS.tolerance * float(step.max()))
     at = np.minimum(at, len(patches.sides) - 1)
-    met = (distance < LATTICE_LIMITS.tolerance * step[:, None]) & _alike(
+    met = (distance < LIMITS.tolerance * step[:, None]) & _alike(
         patches.sides[at], patches.sides[first][:, None]
     )
     support = met.sum(axis=1)
     order = np.argsort(-support, kind="stable")
-    order = order[support[order] >= LATTICE_LIMITS.least_support][: 4 * LATTICE_LIMITS.most_seeds]
+    order = order[support[order] >= LIMITS.least_support][: 4 * LIMITS.most_seeds]
     unique = {int(first[k]): (int(first[k]), int(second[k]), int(third[k])) for k in order[::-1]}
-    return list(unique.values())[::-1][: LATTICE_LIMITS.most_seeds]
+    return list(unique.values())[::-1][: LIMITS.most_seeds]
 
 
 def _corners(
@@ -110,12 +108,12 @@ def _corners(
     of the first.
     """
     count = len(patches.sides)
-    found: Any = tree.query(patches.centers, k=min(LATTICE_LIMITS.neighbors + 1, count))
+    found: Any = tree.query(patches.centers, k=min(LIMITS.neighbors + 1, count))
     distance, near = found[0][:, 1:], found[1][:, 1:]
     ratio = distance / patches.sides[:, None]
     usable = (
-        (ratio > LATTICE_LIMITS.nearest)
-        & (ratio < LATTICE_LIMITS.farthest)
+        (ratio > LIMITS.nearest)
+        & (ratio < LIMITS.farthest)
         & _alike(patches.sides[near], patches.sides[:, None])
     )
     direction = (patches.centers[near] - patches.centers[:, None]) / np.maximum(distance, 1e-9)[
@@ -124,7 +122,7 @@ def _corners(
     x, y = direction[..., 0], direction[..., 1]
     cross = x[:, :, None] * y[:, None, :] - y[:, :, None] * x[:, None, :]
     square = (
-        (cross > np.sin(np.radians(LATTICE_LIMITS.least_angle_deg)))
+        (cross > np.sin(np.radians(LIMITS.least_angle_deg)))
         & usable[:, :, None]
         & usable[:, None, :]
     )
@@ -133,7 +131,7 @@ def _corners(
 
 
 def _alike(sides: Array, others: Array) -> NDArray[np.bool_]:
-    return (sides > LATTICE_LIMITS.likeness * others) & (others > LATTICE_LIMITS.likeness * sides)
+    return (sides > LIMITS.likeness * others) & (others > LIMITS.likeness * sides)
 
 
 def _grown(
@@ -142,7 +140,7 @@ def _grown(
     """The grid of a seed, extended as far as patches continue it: column and row -> patch."""
     of = dict(zip([(0, 0), (1, 0), (0, 1)], seed, strict=True))
     side = patches.sides[list(seed)].mean()
-    for _ in range(LATTICE_LIMITS.rounds):
+    for _ in range(LIMITS.rounds):
         cells = np.array(list(of))
         onto = onto_pixels(cells, patches.centers[list(of.values())])
         low, high = cells.min(axis=0) - 1, cells.max(axis=0) + 1
@@ -153,7 +151,7 @@ def _grown(
         ]
         expected = moved(onto, np.array(new))
         step = _step(onto, cells)
-        nearest: Any = tree.query(expected, distance_upper_bound=LATTICE_LIMITS.tolerance * step)
+        nearest: Any = tree.query(expected, distance_upper_bound=LIMITS.tolerance * step)
         used, before = set(of.values()), len(of)
         for cell, far, patch in zip(new, *nearest, strict=True):
             if np.isfinite(far) and patch not in used and _alike(patches.sides[patch], side):
@@ -169,7 +167,7 @@ def onto_pixels(cells: NDArray[np.number], pixels: Array) -> Array:
     in one line.
     """
     cells = np.asarray(cells, np.float64)
-    if len(cells) >= LATTICE_LIMITS.homography_from and (np.ptp(cells, axis=0) >= 2).all():
+    if len(cells) >= LIMITS.homography_from and (np.ptp(cells, axis=0) >= 2).all():
         fitted = cv2.findHomography(cells, pixels)[0]
         if fitted is not None:
             return np.asarray(fitted, np.float64)

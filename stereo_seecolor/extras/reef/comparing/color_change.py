@@ -34,7 +34,7 @@ class ColorSettings:
     least_sigma: float = 2.0
 
 
-COLOR_CHANGE_SETTINGS = ColorSettings()
+SETTINGS = ColorSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +64,7 @@ def color_change(a: Terrain, b: Terrain) -> ColorChange:
     delta_e = np.linalg.norm(lab_b - lab_a, axis=-1)
     chroma = np.hypot(lab_b[..., 1], lab_b[..., 2]) - np.hypot(lab_a[..., 1], lab_a[..., 2])
     change = np.stack([lab_b[..., 0] - lab_a[..., 0], chroma], axis=-1)
-    usual = max(
-        float(np.quantile(delta_e[known], 0.8)) / NORMAL_80, COLOR_CHANGE_SETTINGS.least_sigma
-    )
+    usual = max(float(np.quantile(delta_e[known], 0.8)) / NORMAL_80, SETTINGS.least_sigma)
     z = np.where(known, delta_e / usual, 0).astype(np.float64)
     unknown = ~known
     delta_e[unknown], change[unknown] = np.nan, np.nan
@@ -82,7 +80,7 @@ def _brought(a: NDArray[np.floating], b: NDArray[np.floating], known: Mask) -> N
     basis = np.concatenate([b[known], np.ones((int(known.sum()), 1))], axis=1)
     target, weight = a[known], np.ones(len(basis))
     M = np.zeros((4, 3))
-    for _ in range(COLOR_CHANGE_SETTINGS.rounds):
+    for _ in range(SETTINGS.rounds):
         scaled = basis * weight[:, None]
         M = np.linalg.lstsq(scaled.T @ basis, scaled.T @ target, rcond=None)[0]
         off = np.linalg.norm(basis @ M - target, axis=1)
@@ -92,7 +90,7 @@ def _brought(a: NDArray[np.floating], b: NDArray[np.floating], known: Mask) -> N
 
 def _smooth_lab(color: Float, known: Mask) -> Float:
     """(H, W, 3) CIELAB of sRGB in 0..1, averaged over a window of what is known."""
-    size = (COLOR_CHANGE_SETTINGS.window_cells,) * 2
+    size = (SETTINGS.window_cells,) * 2
     share = cv2.blur(known.astype(np.float32), size)
     mean = (
         cv2.blur(color * known[..., None].astype(np.float32), size)

@@ -27,7 +27,7 @@ class LandmarkSettings:
     margin_px: int = 5  # from holes and the edge, where the picture is none of the bottom
 
 
-LANDMARK_SETTINGS = LandmarkSettings()
+SETTINGS = LandmarkSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +48,12 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
     contrast = local_contrast(photo.gray, 1.0)
     mask = cv2.erode(
         known.astype(np.uint8),
-        np.ones((2 * LANDMARK_SETTINGS.margin_px + 1,) * 2, np.uint8),
+        np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8),
         borderValue=0,
     )
     count = min(
-        LANDMARK_SETTINGS.most,
-        round(LANDMARK_SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
+        SETTINGS.most,
+        round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
     )
     pixels, descriptors = keypoints(contrast, mask, max(count, 100))
     if not len(pixels):
@@ -89,5 +89,5 @@ def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
     """Match landmarks of a and b, each the other's best and better than the next best by Lowe's
     ratio: places (n, 3) of a, and of b.
     """
-    index_a, index_b = match_descriptors(a.descriptors, b.descriptors, LANDMARK_SETTINGS.lowe_ratio)
+    index_a, index_b = match_descriptors(a.descriptors, b.descriptors, SETTINGS.lowe_ratio)
     return a.points_m[index_a], b.points_m[index_b]

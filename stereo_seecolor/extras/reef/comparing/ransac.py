@@ -26,7 +26,7 @@ class RansacSettings:
     blocks: int = 6  # of ground, a side: left out one at a time for the scale's standard error
 
 
-RANSAC_SETTINGS = RansacSettings()
+SETTINGS = RansacSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def similarity_fit(a: Array, b: Array, tolerance_m: float) -> SimilarityFit | No
     if best is None:
         return None
     T = best[1]
-    for _ in range(RANSAC_SETTINGS.refinements):
+    for _ in range(SETTINGS.refinements):
         inliers = _distances(T, a, b) < tolerance_m
         if inliers.sum() < 3:
             return None
@@ -73,7 +73,7 @@ def _scale_std(a: Array, b: Array) -> float:
     """The standard error of the scale between points (n, 3) of a and b, by leaving out one block of
     ground at a time: errors of neighbors are alike.
     """
-    low, most = a[:, :2].min(axis=0), RANSAC_SETTINGS.blocks
+    low, most = a[:, :2].min(axis=0), SETTINGS.blocks
     span = np.maximum(np.ptp(a[:, :2], axis=0), 1e-9)
     place = np.minimum((a[:, :2] - low) / span * most, most - 1).astype(int)
     block = place[:, 0] * most + place[:, 1]
@@ -89,7 +89,7 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
     if len(a) < 3:
         return np.zeros((0, 3), np.int64)
     rng = np.random.default_rng(0)
-    triples = rng.integers(0, len(a), (RANSAC_SETTINGS.triples, 3))
+    triples = rng.integers(0, len(a), (SETTINGS.triples, 3))
     alike = np.ones(len(triples), bool)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         side_a, side_b = (
@@ -97,7 +97,7 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
             for points in (a, b)
         )
         alike &= (np.abs(side_a - side_b) < tolerance_m) & (side_a > 10 * tolerance_m)
-    return np.asarray(triples[alike][: RANSAC_SETTINGS.tried])
+    return np.asarray(triples[alike][: SETTINGS.tried])
 
 
 def _distances(T: Array, a: Array, b: Array) -> Array:

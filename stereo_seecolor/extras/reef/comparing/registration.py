@@ -33,7 +33,7 @@ class RegistrationSettings:
     scale_sigmas: float = 4.0  # beyond which the scale of the two surveys is said to differ
 
 
-REGISTRATION_SETTINGS = RegistrationSettings()
+SETTINGS = RegistrationSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Registration:
     def scale_note(self) -> str:
         """What it means that the two surveys certainly have different meters; else empty."""
         off = self.scale - 1
-        if abs(off) <= REGISTRATION_SETTINGS.scale_sigmas * self.scale_std:
+        if abs(off) <= SETTINGS.scale_sigmas * self.scale_std:
             return ""
         return (
             f"lengths of the second survey are {abs(off):.2%} +- {self.scale_std:.2%} too "
@@ -97,16 +97,16 @@ def register(a: Site, b: Site, cell_m: float) -> Registration:
     """
     found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
-    coarse = similarity_fit(*found, REGISTRATION_SETTINGS.tolerance_cells * cell_m)
+    coarse = similarity_fit(*found, SETTINGS.tolerance_cells * cell_m)
     agreeing = int(coarse.inliers.sum()) if coarse else 0
-    needed = max(REGISTRATION_SETTINGS.fewest, round(REGISTRATION_SETTINGS.fraction * count))
+    needed = max(SETTINGS.fewest, round(SETTINGS.fraction * count))
     if coarse is None or agreeing < needed:
         raise ComparingError(
             f"the surveys cannot be registered: of {count} features that look alike {agreeing} "
             f"agree on one place (needed: {needed}"
             "): do they show the same site, in colors that are corrected alike?"
         )
-    fine = surface_fit(a.mesh, b.mesh, coarse.T, REGISTRATION_SETTINGS.apart_cells * cell_m)
+    fine = surface_fit(a.mesh, b.mesh, coarse.T, SETTINGS.apart_cells * cell_m)
     return _checked(coarse, fine, found[0][coarse.inliers], count, cell_m)
 
 
@@ -127,15 +127,12 @@ def _checked(
         )
     back = transformed(coarse.T @ np.linalg.inv(fine.T), places)
     apart_m = float(np.sqrt(((back - places) ** 2).sum(axis=1).mean()))
-    if (
-        fine.stable < REGISTRATION_SETTINGS.stable
-        or apart_m > REGISTRATION_SETTINGS.apart_cells * cell_m
-    ):
+    if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
         raise ComparingError(
             f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: "
-            f"{REGISTRATION_SETTINGS.stable:.0%}); features "
+            f"{SETTINGS.stable:.0%}); features "
             f"and surfaces are {1000 * apart_m:.0f} mm apart (at most "
-            f"{1000 * REGISTRATION_SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+            f"{1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
         )
     agreeing = int(coarse.inliers.sum())
     return Registration(

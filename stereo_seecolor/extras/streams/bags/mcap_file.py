@@ -14,13 +14,14 @@ from stereo_seecolor.extras.streams.bags.source import (
     MemorySource,
     Message,
     Place,
+    ended,
 )
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MAX_DECLARATION_BYTES = 1 << 22
 """Schemas and channels hold definitions of messages: some kB."""
 
-_FOOTER, _SCHEMA, _CHANNEL, _MCAP_MESSAGE, _MCAP_CHUNK, _DATA_END = (
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = (
     0x02,
     0x03,
     0x04,
@@ -52,17 +53,17 @@ def walk_mcap(source: ByteSource, problems: list[str]) -> Iterator[Message]:
     """
     declared, closed = _Declared(), False
     try:
-        for record in _records_mcap(source, len(MCAP_MAGIC)):
-            if record.kind == _MCAP_CHUNK:
+        for record in _records(source, len(MCAP_MAGIC)):
+            if record.kind == _CHUNK:
                 try:
-                    yield from _of_chunk_mcap(source, record, declared)
+                    yield from _of_chunk(source, record, declared)
                 except Cut as cut:
                     problems.append(str(cut))
             elif record.kind == _DATA_END:
                 closed = True
                 break
             else:
-                yield from _found_mcap(source, record, declared, None)
+                yield from _found(source, record, declared, None)
     except Cut as cut:
         problems.append(str(cut))
     else:
@@ -71,38 +72,36 @@ def walk_mcap(source: ByteSource, problems: list[str]) -> Iterator[Message]:
         )
 
 
-def _of_chunk_mcap(
-    source: ByteSource, record: _McapRecord, declared: _Declared
-) -> Iterator[Message]:
+def _of_chunk(source: ByteSource, record: _McapRecord, declared: _Declared) -> Iterator[Message]:
     _, _, plain_size, _ = _CHUNK_HEAD.unpack(source.bytes_at(record.start, _CHUNK_HEAD.size))
     compression, start = _text(source, record.start + _CHUNK_HEAD.size)
     (size,) = struct.unpack("<Q", source.bytes_at(start, 8))
     start, available = start + 8, min(size, source.size - start - 8)
     if compression in PLAIN:
-        for inner in _records_mcap(source, start, start + available):
-            yield from _found_mcap(source, inner, declared, None)
+        for inner in _records(source, start, start + available):
+            yield from _found(source, inner, declared, None)
         return
     chunk = Chunk(start, available, compression, plain_size)
     plain = MemorySource(decompress(source.bytes_at(start, available), chunk))
-    for inner in _records_mcap(plain, 0):
-        yield from _found_mcap(plain, inner, declared, chunk)
+    for inner in _records(plain, 0):
+        yield from _found(plain, inner, declared, chunk)
 
 
-def _records_mcap(source: ByteSource, start: int, end: int | None = None) -> Iterator[_McapRecord]:
+def _records(source: ByteSource, start: int, end: int | None = None) -> Iterator[_McapRecord]:
     """Every record from ``start``; a chunk that the file's end cuts is still given."""
     end = source.size if end is None else end
     while start < end and source.bytes_at(start, min(8, end - start)) != MCAP_MAGIC:
         kind, size = struct.unpack("<BQ", source.bytes_at(start, 9))
         start += 9
-        if start + size > source.size and kind != _MCAP_CHUNK:
-            raise Cut(f"ends at byte {source.size}, in the middle of a record")
+        if start + size > source.size and kind != _CHUNK:
+            raise ended(source.size)
         yield _McapRecord(kind, start, size)
         start += size
     if start > source.size:
-        raise Cut(f"ends at byte {source.size}, in the middle of a record")
+        raise ended(source.size)
 
 
-def _found_mcap(
+def _found(
     source: ByteSource, record: _McapRecord, declared: _Declared, chunk: Chunk | None
 ) -> Iterator[Message]:
     start = record.start
@@ -115,16 +114,11 @@ def _found_mcap(
         declared.channels[_short(source, start)] = Channel(
             topic, msgtype, _text(source, next_start)[0]
         )
-    elif record.kind == _MCAP_MESSAGE and record.size >= _MESSAGE_HEAD.size:
+    elif record.kind == _MESSAGE and record.size >= _MESSAGE_HEAD.size:
         number, _, time_ns, _ = _MESSAGE_HEAD.unpack(source.bytes_at(start, _MESSAGE_HEAD.size))
         place = Place(start + _MESSAGE_HEAD.size, record.size - _MESSAGE_HEAD.size, chunk)
         if channel := declared.channels.get(number):
-            yield Message(
-                channel,
-                time_ns,
-                place,
-                lambda most: source.bytes_at(place.start, min(most, place.size)),
-            )
+            yield Message.found(source, channel, time_ns, place)
 
 
 def _short(source: ByteSource, start: int) -> int:

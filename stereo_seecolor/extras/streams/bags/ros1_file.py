@@ -15,6 +15,7 @@ from stereo_seecolor.extras.streams.bags.source import (
     MemorySource,
     Message,
     Place,
+    ended,
 )
 
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
@@ -23,7 +24,7 @@ MAX_HEADER_BYTES = 1 << 16
 messages, and are not read here.
 """
 
-_ROS1_MESSAGE, _BAG, _ROS1_CHUNK, _CONNECTION = b"\x02", b"\x03", b"\x05", b"\x07"
+_MESSAGE, _BAG, _CHUNK, _CONNECTION = b"\x02", b"\x03", b"\x05", b"\x07"
 
 
 class _Ros1Record(NamedTuple):
@@ -40,37 +41,37 @@ def walk_ros1(source: ByteSource, problems: list[str]) -> Iterator[Message]:
     """
     channels: dict[bytes, Channel] = {}
     try:
-        for record in _records_ros1(source, len(ROS1_MAGIC)):
+        for record in _records(source, len(ROS1_MAGIC)):
             kind = record.fields.get(b"op", b"")
             if kind == _BAG and not any(record.fields.get(b"index_pos", b"")):
                 problems.append("was not closed by its recorder; it is read without an index")
-            if kind != _ROS1_CHUNK:
-                yield from _found_ros1(source, record, channels, None)
+            if kind != _CHUNK:
+                yield from _found(source, record, channels, None)
                 continue
             try:
-                yield from _of_chunk_ros1(source, record, channels)
+                yield from _of_chunk(source, record, channels)
             except Cut as cut:
                 problems.append(str(cut))
     except Cut as cut:
         problems.append(str(cut))
 
 
-def _of_chunk_ros1(
+def _of_chunk(
     source: ByteSource, record: _Ros1Record, channels: dict[bytes, Channel]
 ) -> Iterator[Message]:
     compression = record.fields.get(b"compression", b"").decode(errors="replace")
     available = min(record.size, source.size - record.start)
     if compression in PLAIN:
-        for inner in _records_ros1(source, record.start, record.start + available):
-            yield from _found_ros1(source, inner, channels, None)
+        for inner in _records(source, record.start, record.start + available):
+            yield from _found(source, inner, channels, None)
         return
     chunk = Chunk(record.start, available, compression, _number(record.fields, b"size"))
     plain = MemorySource(decompress(source.bytes_at(chunk.start, chunk.size), chunk))
-    for inner in _records_ros1(plain, 0):
-        yield from _found_ros1(plain, inner, channels, chunk)
+    for inner in _records(plain, 0):
+        yield from _found(plain, inner, channels, chunk)
 
 
-def _records_ros1(source: ByteSource, start: int, end: int | None = None) -> Iterator[_Ros1Record]:
+def _records(source: ByteSource, start: int, end: int | None = None) -> Iterator[_Ros1Record]:
     """Every record from ``start``; a chunk that the file's end cuts is still given."""
     end = source.size if end is None else end
     while start < end:
@@ -80,15 +81,15 @@ def _records_ros1(source: ByteSource, start: int, end: int | None = None) -> Ite
         fields = _fields(source.bytes_at(start + 4, header_size), start)
         (size,) = struct.unpack("<I", source.bytes_at(start + 4 + header_size, 4))
         start += 8 + header_size
-        if start + size > source.size and fields.get(b"op") != _ROS1_CHUNK:
-            raise Cut(f"ends at byte {source.size}, in the middle of a record")
+        if start + size > source.size and fields.get(b"op") != _CHUNK:
+            raise ended(source.size)
         yield _Ros1Record(fields, start, size)
         start += size
     if start > source.size:
-        raise Cut(f"ends at byte {source.size}, in the middle of a record")
+        raise ended(source.size)
 
 
-def _found_ros1(
+def _found(
     source: ByteSource, record: _Ros1Record, channels: dict[bytes, Channel], chunk: Chunk | None
 ) -> Iterator[Message]:
     kind, connection = record.fields.get(b"op", b""), record.fields.get(b"conn", b"")
@@ -97,18 +98,13 @@ def _found_ros1(
         topic = record.fields.get(b"topic", b"").decode(errors="replace")
         name = described.get(b"type", b"").decode(errors="replace")
         channels[connection] = Channel(topic, name.replace("/", "/msg/", 1), "ros1")
-    elif kind == _ROS1_MESSAGE and connection in channels:
+    elif kind == _MESSAGE and connection in channels:
         seconds, nanoseconds = struct.unpack(
             "<II", record.fields.get(b"time", bytes(8))[:8].ljust(8, b"\0")
         )
         place = Place(record.start, record.size, chunk)
         time_ns = seconds * 10**9 + nanoseconds
-        yield Message(
-            channels[connection],
-            time_ns,
-            place,
-            lambda most: source.bytes_at(place.start, min(most, place.size)),
-        )
+        yield Message.found(source, channels[connection], time_ns, place)
 
 
 def _fields(content: bytes, where: int) -> dict[bytes, bytes]:

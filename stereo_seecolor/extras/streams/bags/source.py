@@ -14,6 +14,11 @@ class Cut(ValueError):  # no error for users: the walk of a file ends here
     """The file ends, or stops making sense, at a byte."""
 
 
+def ended(size: int) -> Cut:
+    """A file of so many bytes that ends in the middle of a record."""
+    return Cut(f"ends at byte {size}, in the middle of a record")
+
+
 class Channel(NamedTuple):
     """A topic as a bag's file declares it. msgtype: as ROS 2 writes it, ``sensor_msgs/msg/Image``.
     encoding: ros1 or cdr.
@@ -55,6 +60,16 @@ class Message(NamedTuple):
     place: Place
     head: Callable[[int], bytes]
 
+    @classmethod
+    def found(cls, source: "ByteSource", channel: Channel, time_ns: int, place: Place) -> "Message":
+        """The message at a place of a source."""
+        return cls(
+            channel,
+            time_ns,
+            place,
+            lambda most: source.bytes_at(place.start, min(most, place.size)),
+        )
+
 
 class ByteSource(Protocol):
     """A sequence of bytes, read by offset."""
@@ -77,7 +92,7 @@ class FileSource:
     def bytes_at(self, start: int, size: int) -> bytes:
         """Exactly so many bytes. Raises Cut if there are fewer."""
         if size < 0 or start + size > self.size:
-            raise Cut(f"ends at byte {self.size}, in the middle of a record")
+            raise ended(self.size)
         self._file.seek(start)
         return self._file.read(size)
 
