@@ -54,14 +54,24 @@ export class Detail {
     return (this.parts.get(name)?.children ?? []) as Mesh[];
   }
 
+  /** Whether pieces are being fetched. */
+  get busy(): boolean {
+    return this.loading.size > 0;
+  }
+
   get triangles(): number {
     return this.shown.reduce((sum, mesh) => sum + (mesh.geometry.index?.count ?? 0) / 3, 0);
   }
 
-  /** Some vertices of all that is loaded. */
-  sample(): Vector3[] {
+  /** Some vertices of the whole map, from its coarsest pieces, which are always the same; null until all of them are loaded. */
+  outline(): Vector3[] | null {
+    return this.roots.every((name) => this.parts.has(name)) ? this.sample(this.roots) : null;
+  }
+
+  /** Some vertices of pieces: of all that are loaded, unless some are named. */
+  sample(names: Iterable<string> = this.parts.keys()): Vector3[] {
     const found: Vector3[] = [];
-    for (const mesh of [...this.parts.keys()].flatMap((name) => this.meshes(name))) {
+    for (const mesh of [...names].flatMap((name) => this.meshes(name))) {
       const position = mesh.geometry.getAttribute("position");
       const step = Math.max(1, Math.floor(position.count / SAMPLE));
       for (let i = 0; i < position.count; i += step) found.push(new Vector3().fromBufferAttribute(position, i));

@@ -156,18 +156,18 @@ export class Scene {
     this.camera.position.add(moved);
   }
 
-  /** What the view of the whole map must hold: vertices where some are loaded, else the corners of the finest pieces. */
+  /** What the view of the whole map must hold: its vertices once it is loaded coarsely, else the corners of the finest pieces. */
   private outline(): Vector3[] {
-    const loaded = this.detail.sample();
-    if (loaded.length) return loaded;
+    const loaded = this.detail.outline();
+    if (loaded) return loaded;
     const all = Object.values(this.about.pieces);
     const finest_m = Math.min(...all.map((each) => each.cell_m));
     return all.filter((each) => each.cell_m === finest_m).flatMap(({ low_m, high_m }) => cornersOf(low_m, high_m));
   }
 
-  /** The first vertices are there: the view fits them, if nobody has moved it yet. */
+  /** The whole map is there, if coarsely: the view fits it, if nobody has moved it yet. */
   private loaded(): void {
-    if (!this.fitted && this.atHome && this.detail.sample().length) {
+    if (!this.fitted && this.atHome && this.detail.outline()) {
       this.fitted = true;
       this.home();
     } else this.draw();
@@ -344,6 +344,7 @@ export class Scene {
       this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2), this.coarsest_px);
       this.renderer.render(this.scene, this.camera);
       this.root.dataset.triangles = String(this.detail.triangles);
+      this.root.ariaBusy = String(this.moving || this.detail.busy);
       if (this.moving) this.rest();
       this.drawn();
     });
