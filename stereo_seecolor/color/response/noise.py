@@ -6,7 +6,6 @@ Photon noise has a variance that is proportional to the light (Janesick 2007, *P
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from stereo_seecolor.records import Image, is_monochrome
 
 Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
+Values = NDArray[np.unsignedinteger]
 
 SECOND_DIFFERENCE = np.array([1, -2, 1], np.float32) / np.sqrt(np.float32(6))
 """Along rows and columns: blind to slopes; white noise passes with its own variance."""
@@ -69,16 +69,17 @@ class Blocks:
     darkest: float
 
 
-def blocks_of(plane: Plane) -> Blocks:
+def blocks_of(plane: Values, factor: np.float32) -> Blocks:
     """The blocks of one channel, of the sites where its filter let the sensor see it.
 
     Args:
-        plane: (H, W) values of 0 to 255.
+        plane: (H, W) values of an image's channel, unsigned integers.
+        factor: 255 by the largest such value.
 
     Returns:
-        Blocks that are neither clipped nor cut at zero.
+        Blocks that are neither clipped nor cut at zero, with values of 0 to 255.
     """
-    sites = _native_sites(plane)
+    sites = _native_sites(plane.astype(np.float32) * factor)
     values = _cut(sites)
     good = (values.max(axis=1) < BRIGHTEST) & (values.min(axis=1) > 0)
     good &= values.mean(axis=1) > DARKEST
@@ -86,15 +87,18 @@ def blocks_of(plane: Plane) -> Blocks:
         values.mean(axis=1)[good],
         _cut(_filtered(sites, SECOND_DIFFERENCE)).var(axis=1)[good],
         _cut(_filtered(sites, WIDE)).var(axis=1)[good],
-        dark_value(plane),
+        float(factor * dark_value(plane)),
     )
 
 
-def dark_value(plane: NDArray[Any]) -> float:
-    """The darkest value of (H, W) an image's channel, but for a few pixels and black borders."""
-    above = plane[plane > 0]
-    place = int(DARK_QUANTILE * above.size)
-    return float(np.partition(above, place)[place]) if above.size else 0.0
+def dark_value(plane: Values) -> int:
+    """The darkest of (H, W) unsigned integers, but for a few pixels and black borders."""
+    counts = np.bincount(plane.ravel())
+    counts[0] = 0
+    number = np.cumsum(counts)
+    if not number[-1]:
+        return 0
+    return int(np.searchsorted(number, int(DARK_QUANTILE * number[-1]), "right"))
 
 
 def _native_sites(plane: Plane) -> Plane:
@@ -176,7 +180,7 @@ def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
     scale = [np.float32(255 / np.iinfo(image.dtype).max) for image in images]
     return [
         [
-            blocks_of(image[..., channel].astype(np.float32) * factor)
+            blocks_of(image[..., channel], factor)
             for image, factor in zip(images, scale, strict=True)
         ]
         for channel in range(number)
