@@ -102,7 +102,7 @@ class ConfidenceWeights:
     least_relief_px)
     + known * k + roughness * log(q + least_relief_px) + fattening * g + offset.
 
-    Fitted to half of a real reef dive, whose views check each other, and to drawn cards and
+    Fitted to half of a real reef dive, whose views check each other, and to synthetic cards and
     boulders in clear to hazy water; docs/matching.md shows it on others.
     """
 
@@ -119,8 +119,8 @@ class ConfidenceWeights:
 WEIGHTS = ConfidenceWeights()
 BORDER_PX = 0.5
 """Disparities that meet the right image nearer than this to its left or right end are not believed,
-pixels: what lies just outside it is often matched with its outermost column (on a drawn plane nine
-of ten of the wrong pixels there).
+pixels: what lies just outside it is often matched with its outermost column (on a synthetic plane
+nine of ten of the wrong pixels there).
 """
 _LOG_2 = float(np.log(2))
 _UNIQUENESS, _SUPPORT, _RELIEF = (

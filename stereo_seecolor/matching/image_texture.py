@@ -31,8 +31,8 @@ class TextureConstants:
     which hardly a pixel matches 0.15, one of which most does 0.4.
 
     least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in
-    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, drawn open water, even sand and haze
-    0.00 to 0.19.
+    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, synthetic open water, even sand and
+    haze 0.00 to 0.19.
     """
 
     block: int = 32

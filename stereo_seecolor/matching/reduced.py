@@ -18,7 +18,7 @@ from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame
 SIZES = (2, 4)
 LEAST_DETAIL = 0.88
 """Of what matches at reduced size, the fraction that must match at full size. Real reef, Teddy,
-drawn scenes, with much noise too: 0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97 (half size
+synthetic scenes, with much noise too: 0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97 (half size
 knows 4 to 7 % more), by 4: 0.66 to 0.82 (24 to 40 % more).
 """
 LEAST_PIXELS = 1_000_000

@@ -38,7 +38,7 @@ class ScenePrior:
     """
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.75, 0.35, 0)
     """Fraction of ``natural`` at each quantile: the brightest are white, or reflections. With 0.9,
-    0.6, 0.25 FLSea's white targets were warm by 7 %, and drawn reefs, whose brightest are warm
+    0.6, 0.25 FLSea's white targets were warm by 7 %, and synthetic reefs, whose brightest are warm
     sand, better by 0.5 degrees.
     """
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)

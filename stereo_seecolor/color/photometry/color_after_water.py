@@ -29,8 +29,8 @@ from stereo_seecolor.records import Water
 Array = NDArray[np.float64]
 LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
 """Prior of the pattern's remaining color: a few percent, and no trend with range, which was removed
-with the water. With 0.05 two of eight drawn dives gain less and one loses; with 0.2 the evidence is
-for no dive.
+with the water. With 0.05 two of eight synthetic dives gain less and one loses; with 0.2 the
+evidence is for no dive.
 """
 USES = (
     LightTerms(gains=True),
@@ -38,7 +38,7 @@ USES = (
     LightTerms(pattern=True, ranged=True, gains=True),
 )
 """Frames keep gains of their own here, which are not used: else a slope along the track follows
-what the water is off by from one altitude to the next (drawn dives: 10 % of pattern in color
+what the water is off by from one altitude to the next (synthetic dives: 10 % of pattern in color
 instead of 4).
 """
 LINEAR = ColorConfig(input_encoding="linear")

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.25
 """Systematic error of a trend, as a power of the range, however well observations agree: gains and
-pattern take part of it, or add to it. On drawn dives with lamps, whose errors by the observations'
-scatter are 0.05 to 0.15, it is off by up to 0.4.
+pattern take part of it, or add to it. On synthetic dives with lamps, whose errors by the
+observations' scatter are 0.05 to 0.15, it is off by up to 0.4.
 """
 MOST_BACKSCATTER = 0.8
 """Fraction of a channel's light: a spot with more of it says nothing of attenuation."""

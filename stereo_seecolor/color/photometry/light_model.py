@@ -298,7 +298,7 @@ MEAN_SQUARES = np.array(
 
 LAMPS_FADE = 1.5
 """Power of the range from which on lamps on the rig give most of the light, water and lamps
-together: lamps alone have 1.5 to 2.2 on drawn dives by night, 2.4 on a real dive with strobes.
+together: lamps alone have 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
 """
 
 

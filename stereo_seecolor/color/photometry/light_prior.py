@@ -43,7 +43,8 @@ class Deviations:
     mean_reef: float
     """Factor on the standard error with which the mean of the reef is the same in each part of the
     picture and in each frame. Brightness differs more from place to place than parts of the picture
-    show: with 1, 3.0 % of the pattern of nine drawn dives are left, with 2 2.1 %, without it 2.2 %.
+    show: with 1, 3.0 % of the pattern of nine synthetic dives are left, with 2 2.1 %, without it
+    2.2 %.
     """
 
 

@@ -27,8 +27,8 @@ class OneLightSettings:
     evidence: float = 10.0
     """For each light more, twice the natural logarithm: very strong (Kass and Raftery 1995). Lamps
     switched on between two lines:
-    69 to 116 on five drawn dives; one light throughout: at most 4 on 21, at most 5 on 12 ways to
-    part a real dive.
+    69 to 116 on five synthetic dives; one light throughout: at most 4 on 21, at most 5 on 12 ways
+    to part a real dive.
     """
 
 

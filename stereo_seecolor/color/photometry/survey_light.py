@@ -27,7 +27,7 @@ class ObservationLimits:
     """Quantiles of the observations' ranges, beyond which the pattern is not extrapolated."""
     loose: float = 0.1
     """Standard error of a pattern, logarithm, above which the note tells how to lower it: ten of 49
-    drawn dives, in none of which frames of two lines show the same.
+    synthetic dives, in none of which frames of two lines show the same.
     """
 
 

@@ -23,9 +23,9 @@ from stereo_seecolor.color.response.response import Response, as_rgb
 from stereo_seecolor.records import Image
 
 SURE = 2.0
-"""Ratio of the misfits of two laws from which one is taken: on 36 drawn cameras of each kind linear
-images have 2.2 and more, encoded ones at most 1.7 (denoised); real dives 3.0 to 4.2, a photograph
-of unknown tone curve 1.4.
+"""Ratio of the misfits of two laws from which one is taken: on 36 synthetic cameras of each kind
+linear images have 2.2 and more, encoded ones at most 1.7 (denoised); real dives 3.0 to 4.2, a
+photograph of unknown tone curve 1.4.
 """
 CONTRADICTED = 1.3
 """Ratio below which a single channel contradicts the others."""
@@ -39,7 +39,7 @@ FLAT = 0.15
 """The same, where the linear law fits no better than the encoded one."""
 PEDESTAL_BETTER = 1.4
 """Times that a line through zero fits worse, at least, where there is a pedestal: 1.6 to 2.3 on
-drawn cameras with one and on a real dive, 1.2 at most on those without.
+synthetic cameras with one and on a real dive, 1.2 at most on those without.
 """
 LEAST_PEDESTAL = 3 / 255
 """Fraction of full scale that is worth taking off."""

@@ -153,7 +153,7 @@ RANGE = 3
 SHARED = np.array([0.15, 0.5, 0.5, 0.5, 0.15])
 """Part of the variance of the corrections of each number (the mesh's left out) that is alike in all
 squares; the rest averages out. It is larger of those by ranges of heights, to which errors add less
-than to slopes. As found on five drawn reefs.
+than to slopes. As found on five synthetic reefs.
 """
 MIN_COVERAGE = 0.8
 """A square counts if more than this fraction of it was seen: a hole hides heights and area
