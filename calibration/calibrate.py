@@ -13,10 +13,10 @@ from calibration.boards.shifted_pairs import refuse_out_of_step
 from calibration.boards.target_views import TargetView, common_ids, observations_of, usable_views
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import jackknife, no_worse
 from calibration.rectification import rectified_points
 from calibration.rig import Medium, StereoRig
 from calibration.rig_errors import RigErrors
+from calibration.verification.matches import jackknife, no_worse
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths

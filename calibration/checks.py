@@ -8,17 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
-from calibration.field_checks.causes import NOT_TESTED, find_causes
-from calibration.field_checks.large_causes import NOT_TRIED, best_factor
-from calibration.field_checks.matches import (
-    Matches,
-    explain,
-    find_matches,
-    robust_fit,
-    row_inliers,
-)
-from calibration.field_checks.table import ENLARGED, IN_AIR
-from calibration.field_checks.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
     Rectification,
@@ -26,6 +15,17 @@ from calibration.rectification import (
     raw_points,
 )
 from calibration.rig import StereoRig
+from calibration.verification.causes import NOT_TESTED, find_causes
+from calibration.verification.large_causes import NOT_TRIED, best_factor
+from calibration.verification.matches import (
+    Matches,
+    explain,
+    find_matches,
+    robust_fit,
+    row_inliers,
+)
+from calibration.verification.table import ENLARGED, IN_AIR
+from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 
 Array = NDArray[np.float64]
 MOST_MATCHES = 4000  # spread evenly: more cost time

@@ -18,19 +18,19 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.field_checks.conventions import settle_matches
-from calibration.field_checks.matches import (
+from calibration.geometry import rigid
+from calibration.rectification import plan_rectification, rectified_points, upright_rotations
+from calibration.refinement import Movement, Refinement
+from calibration.refraction import cameras_in_water
+from calibration.rig import StereoRig, quarter_turn
+from calibration.verification.conventions import settle_matches
+from calibration.verification.matches import (
     Matches,
     jackknife,
     no_worse,
     rectified_matches,
     row_inliers,
 )
-from calibration.geometry import rigid
-from calibration.rectification import plan_rectification, rectified_points, upright_rotations
-from calibration.refinement import Movement, Refinement
-from calibration.refraction import cameras_in_water
-from calibration.rig import StereoRig, quarter_turn
 
 Array = NDArray[np.float64]
 

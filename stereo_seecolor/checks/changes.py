@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration import CalibrationError, Rectification
-from calibration.field_checks.changes import (
+from calibration.verification.changes import (
     Changes,
     PairRows,
     changes_of,
@@ -17,8 +17,8 @@ from calibration.field_checks.changes import (
     enlarged_side,
     pair_rows,
 )
-from calibration.field_checks.matches import QUICK, Matches, find_matches
-from calibration.field_checks.motion import couple_across
+from calibration.verification.matches import QUICK, Matches, find_matches
+from calibration.verification.motion import couple_across
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
-from calibration.field_checks.matches import (
+from calibration.verification.matches import (
     MATCH_LIMITS,
     QUICK,
     Described,
@@ -21,7 +21,7 @@ from calibration.field_checks.matches import (
     match_described,
     similar_points,
 )
-from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
+from calibration.verification.vertical_disparity import LIMITS as ROW_LIMITS
 from stereo_seecolor.checks.sample import matching_threads, read_both, stretches
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
-from calibration.field_checks.causes import find_causes
-from calibration.field_checks.matches import Matches, find_matches
-from calibration.field_checks.mistakes import FoundMistake, likely_mistake, may_be_wrong
-from calibration.field_checks.motion import find_couples, find_motion, motion_of
-from calibration.field_checks.quick_check import quick_check
+from calibration.verification.causes import find_causes
+from calibration.verification.matches import Matches, find_matches
+from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
+from calibration.verification.motion import find_couples, find_motion, motion_of
+from calibration.verification.quick_check import quick_check
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
 from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (

@@ -7,9 +7,6 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck
-from calibration.field_checks.conventions import settle_matches
-from calibration.field_checks.matches import Matches, rectified_matches
-from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import write_rig
 from calibration.port import FlatPort
 from calibration.port_errors import port_error
@@ -17,6 +14,9 @@ from calibration.rectification import raw_points
 from calibration.refine import refine_matches
 from calibration.refinement import Refinement
 from calibration.suspicions import suspicions
+from calibration.verification.conventions import settle_matches
+from calibration.verification.matches import Matches, rectified_matches
+from calibration.verification.vertical_disparity import LIMITS
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import judge_rig, matches_of

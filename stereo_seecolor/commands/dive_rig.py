@@ -8,12 +8,12 @@ from itertools import islice
 from pathlib import Path
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.conventions import resolve_convention
-from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig_of_images
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
 from calibration.rig import for_channels
+from calibration.verification.conventions import resolve_convention
+from calibration.verification.matches import Matches, raw_matches
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions

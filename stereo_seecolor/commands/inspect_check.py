@@ -9,11 +9,11 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck
-from calibration.field_checks.conventions import resolve_convention
-from calibration.field_checks.mistakes import FoundMistake
-from calibration.field_checks.quick_check import quick_check
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
+from calibration.verification.conventions import resolve_convention
+from calibration.verification.mistakes import FoundMistake
+from calibration.verification.quick_check import quick_check
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.range_limits import RangeLimits, range_limits
 from stereo_seecolor.checks.rig import judge_rig, matches_of

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.mistakes import LIMITS, likely_mistake
 from calibration.formats import native
+from calibration.verification.mistakes import LIMITS, likely_mistake
 from stereo_seecolor.checks.sample import evenly_spaced, first_images
 from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, refined_rig
 from stereo_seecolor.config import InputConfig

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration import Rectification
-from calibration.field_checks.matches import find_matches
+from calibration.verification.matches import find_matches
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.image_texture import sides_without_texture

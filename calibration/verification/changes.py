@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import Matches, explain, robust_fit, row_inliers
-from calibration.field_checks.rigid_motion import LATER, SeenTwice, fit_motions
 from calibration.geometry import RectifiedPair
+from calibration.verification.matches import Matches, explain, robust_fit, row_inliers
+from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
 
 Array = NDArray[np.float64]
 Kind = Literal["", "odd", "step", "each"]

@@ -19,7 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
-from calibration.field_checks.matches import (
+from calibration.geometry import RectifiedPair
+from calibration.rectification import Rectification
+from calibration.rig_errors import RangeError
+from calibration.verification.matches import (
     MATCH_LIMITS,
     QUICK,
     Images,
@@ -32,7 +35,7 @@ from calibration.field_checks.matches import (
     match_described,
     same_points,
 )
-from calibration.field_checks.rigid_motion import (
+from calibration.verification.rigid_motion import (
     COLUMNS,
     FOCAL,
     LATER,
@@ -44,9 +47,6 @@ from calibration.field_checks.rigid_motion import (
     corrected_points,
     fit_motions,
 )
-from calibration.geometry import RectifiedPair
-from calibration.rectification import Rectification
-from calibration.rig_errors import RangeError
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import Images, Matches, similar_points
-from calibration.field_checks.table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
-from calibration.field_checks.vertical_disparity import RowCheck
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig
+from calibration.verification.matches import Images, Matches, similar_points
+from calibration.verification.table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
+from calibration.verification.vertical_disparity import RowCheck
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import Matches, jackknife, robust_fit, row_inliers
-from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
-from calibration.field_checks.motion import fit_clear, range_error
-from calibration.field_checks.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
-from calibration.field_checks.table import CAUSES, MOVED, Cause
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
     plan_rectification,
@@ -26,6 +21,11 @@ from calibration.rectification import (
     rectified_points,
 )
 from calibration.rig import StereoRig
+from calibration.verification.matches import Matches, jackknife, robust_fit, row_inliers
+from calibration.verification.motion import LIMITS as MOTION_LIMITS
+from calibration.verification.motion import fit_clear, range_error
+from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
+from calibration.verification.table import CAUSES, MOVED, Cause
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.alignment import align
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification, raw_points, rectified_points
 from calibration.rig import StereoRig
+from calibration.verification.alignment import align
 
 # Conversion of any camera image to 8-bit gray, in which corners and features are found.
 
