@@ -22,7 +22,7 @@ from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import judge_rig, matches_of
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import DiveVerdict, verdict_of
-from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
+from stereo_seecolor.commands.rig_loading import load_unsettled, pairs_of
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts

@@ -19,7 +19,7 @@ from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig, matches_of
 from stereo_seecolor.checks.sample import neighbors
 from stereo_seecolor.commands.check import check
-from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.pipeline import Pipeline
 

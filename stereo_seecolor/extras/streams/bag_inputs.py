@@ -6,7 +6,7 @@ from pathlib import Path
 from calibration import CalibrationError
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
-from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
+from stereo_seecolor.commands.rig_loading import behind_port, load_rig_for
 from stereo_seecolor.commands.stereo_inputs import Opened, calibration_files, sample, settle_storage
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError

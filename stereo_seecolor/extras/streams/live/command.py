@@ -9,7 +9,7 @@ from pathlib import Path
 from calibration import RectifiedPair
 from calibration.errors import SizeMissingError
 from calibration.formats import load_rig, load_rig_of_images
-from stereo_seecolor.commands.dive_rig import behind_port
+from stereo_seecolor.commands.rig_loading import behind_port
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig

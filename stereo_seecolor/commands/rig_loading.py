@@ -1,6 +1,4 @@
-"""The rig of a dive: its calibration file read for the images of the dive, and refined with pairs
-of the dive.
-"""
+"""The calibration file of a dive: read for the images of the dive, and refined with its pairs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -131,7 +129,7 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
         )
 
 
-def refined_rig(
+def refine_rig(
     rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions
 ) -> StereoRig:
     """The rig refined with pairs spread over the dive, those that can be read. Raises
