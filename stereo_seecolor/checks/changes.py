@@ -22,12 +22,12 @@ from calibration.verification.motion import couple_across
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
+    consecutive_intervals,
     edge,
     evenly_spaced,
     matching_threads,
     read_both,
     readable,
-    stretches,
 )
 from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
@@ -192,7 +192,9 @@ def odd_among(
     rows = list(threads.each(lambda place: look_at(rectification, pairs[place], images), compared))
     changes = changes_of(rows)
     odd = [compared[number] for number in changes.odd if compared[number] in suspects]
-    lines = [odd_line(pairs[first].name, pairs[last].name) for first, last in stretches(odd)]
+    lines = [
+        odd_line(pairs[first].name, pairs[last].name) for first, last in consecutive_intervals(odd)
+    ]
     return DiveChange("; ".join(lines), frozenset(pairs[place].name for place in odd))
 
 

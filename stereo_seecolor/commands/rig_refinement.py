@@ -1,4 +1,4 @@
-"""The refinement of a rig in a run: refined now and written to OUT, or taken from an earlier run."""
+"""The refinement of a rig in a run: refined now and written to OUT, or read from an earlier run."""
 
 from dataclasses import dataclass
 

@@ -128,7 +128,7 @@ def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[Sur
 
 
 @pytest.mark.slow
-def test_a_long_blank_stretch_breaks_the_map_in_two(
+def test_a_long_blank_segment_breaks_the_map_in_two(
     reef: ReefFrames, frames: list[SurveyFrame]
 ) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
@@ -142,7 +142,7 @@ def test_a_long_blank_stretch_breaks_the_map_in_two(
 
 
 @pytest.mark.slow
-def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_loops_join_what_a_blank_segment_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked, reef)
     placed = placement.components == 0
