@@ -14,9 +14,9 @@ from calibration.boards.target_views import TargetView, common_ids, observations
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
 from calibration.rectification import rectified_points
+from calibration.resampling import jackknife, no_worse
 from calibration.rig import Medium, StereoRig
 from calibration.rig_errors import RigErrors
-from calibration.verification.matches import jackknife, no_worse
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths

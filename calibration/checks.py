@@ -17,13 +17,8 @@ from calibration.rectification import (
 from calibration.rig import StereoRig
 from calibration.verification.causes import NOT_TESTED, find_causes
 from calibration.verification.large_causes import NOT_TRIED, best_factor
-from calibration.verification.matches import (
-    Matches,
-    explain,
-    find_matches,
-    robust_fit,
-    row_inliers,
-)
+from calibration.verification.matches import Matches, find_matches
+from calibration.verification.row_fits import explain, robust_fit, row_inliers
 from calibration.verification.table import ENLARGED, IN_AIR
 from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 

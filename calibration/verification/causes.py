@@ -20,11 +20,13 @@ from calibration.rectification import (
     raw_points,
     rectified_points,
 )
+from calibration.resampling import jackknife
 from calibration.rig import StereoRig
-from calibration.verification.matches import Matches, jackknife, robust_fit, row_inliers
+from calibration.verification.matches import Matches
 from calibration.verification.motion import LIMITS as MOTION_LIMITS
 from calibration.verification.motion import fit_clear, range_error
 from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
+from calibration.verification.row_fits import robust_fit, row_inliers
 from calibration.verification.table import CAUSES, MOVED, Cause
 
 Array = NDArray[np.float64]

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from calibration.verification.matches import Matches, explain, robust_fit, row_inliers
+from calibration.verification.matches import Matches
 from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
+from calibration.verification.row_fits import explain, robust_fit, row_inliers
 
 Array = NDArray[np.float64]
 Kind = Literal["", "odd", "step", "each"]

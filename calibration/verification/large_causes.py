@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.rectification import plan_rectification, raw_points
 from calibration.rig import StereoRig
-from calibration.verification.matches import explain
+from calibration.verification.row_fits import explain
 from calibration.verification.table import LargeCause
 
 Array = NDArray[np.float64]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError, counted
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
+from calibration.resampling import jackknife
 from calibration.rig_errors import RangeError
 from calibration.verification.matches import (
     MATCH_LIMITS,
@@ -30,8 +31,6 @@ from calibration.verification.matches import (
     MatchLimits,
     describe_left,
     describe_right,
-    explain,
-    jackknife,
     match_described,
     same_points,
 )
@@ -47,6 +46,7 @@ from calibration.verification.rigid_motion import (
     corrected_points,
     fit_motions,
 )
+from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 

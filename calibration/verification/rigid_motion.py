@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from calibration.verification.matches import jackknife
+from calibration.resampling import jackknife
 
 Array = NDArray[np.float64]
 POSE = 6

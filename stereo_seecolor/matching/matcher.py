@@ -74,7 +74,8 @@ class Matcher:
         if engine == "sgm":
             return SemiGlobalMatching(self._lowest, self._highest)
         if isinstance(engine, Path) or engine == "opencv":
-            from stereo_seecolor.matching.engines import Network, OpenCvMatching
+            from stereo_seecolor.matching.network_engine import Network
+            from stereo_seecolor.matching.opencv_engine import OpenCvMatching
 
             if isinstance(engine, Path):
                 return Network(engine)
