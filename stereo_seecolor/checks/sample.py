@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from calibration.verification.matches import MATCH_LIMITS
-from stereo_seecolor.compute.process import at_once
+from stereo_seecolor.compute.free_memory import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError

@@ -15,7 +15,7 @@ from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.verdict import verdict_of
 from stereo_seecolor.commands.run_session import folder_request, run_session, stereo_run
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
-from stereo_seecolor.compute.process import one_thread_in_products
+from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun

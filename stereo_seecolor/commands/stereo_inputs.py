@@ -14,7 +14,7 @@ from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, verdict_of
 from stereo_seecolor.commands.rig_loading import load_rig_for
 from stereo_seecolor.commands.rig_refinement import DiveRefinement
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError

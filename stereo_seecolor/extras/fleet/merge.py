@@ -10,7 +10,7 @@ from stereo_seecolor.checks.changes import LEFT_OUT
 from stereo_seecolor.commands.run import color, color_with
 from stereo_seecolor.commands.run_session import KIND, folder_request, run_session
 from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
     NO_LIGHT,

@@ -13,7 +13,7 @@ from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.verdict import RANGES, DiveVerdict
 from stereo_seecolor.commands import stereo_inputs
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
