@@ -14,7 +14,7 @@ from stereo_seecolor.cli.report import LoggedReport
 from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.streams.bag_inputs import BagFacts
+    from stereo_seecolor.extras.streams.bag_info import BagFacts
 
 OneSource = Annotated[
     str | None,
@@ -224,7 +224,7 @@ def bag_info(
     """List the topics of a ROS bag and the pairs that run would use; exit code 3 if there are no
     pairs.
     """
-    from stereo_seecolor.extras.streams.bag_inputs import bag_info as look
+    from stereo_seecolor.extras.streams.bag_info import bag_info as look
 
     with report.working():
         found = look(bag, topics, calib=calib or "")

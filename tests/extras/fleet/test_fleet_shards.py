@@ -18,10 +18,10 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.fleet.campaign_states import DiveState, save_states
-from stereo_seecolor.extras.fleet.cli import status_text
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
 from stereo_seecolor.extras.fleet.status import status
+from stereo_seecolor.extras.fleet.texts import status_text
 from stereo_seecolor.run_folder import run_progress
 from stereo_seecolor.run_folder.run_progress import ExpectedPasses, RunProgress
 

@@ -327,7 +327,7 @@ def test_corrected_pairs_are_published_and_every_message_is_decoded(
     from rosbags.typesys import Stores, get_typestore
 
     from stereo_seecolor.extras.streams.live.ros2 import Node
-    from stereo_seecolor.extras.streams.recording import TOPICS
+    from stereo_seecolor.extras.streams.mcap_recording import TOPICS
     from stereo_seecolor.extras.streams.ros_messages import type_name
 
     store, node, found = get_typestore(Stores.ROS2_HUMBLE), Node(), {}
