@@ -11,8 +11,8 @@ from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.records import Image, Map, StereoFrame
 
 LEFT_RIGHT_PX = 1.0
-"""Largest difference between a disparity and that of the pixel of the right image that it meets, as
-in the other engines.
+"""Left-right consistency: largest difference between a disparity and that of the matching pixel of
+the right image, pixels; the same as in the other engines.
 """
 
 
@@ -51,9 +51,7 @@ class Network:
             )
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
-        """Run the network on a pair, and check its disparities against those of the mirrored
-        pair.
-        """
+        """Run the network on a pair and on the mirrored pair, and check left-right consistency."""
         disparity = self.disparity(frame.left, frame.right)
         back = self.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1]
         width = disparity.shape[1]
@@ -64,9 +62,7 @@ class Network:
         return MatchedDisparity(checked, checked, np.full_like(disparity, FIXED_UNIQUENESS))
 
     def disparity(self, left: Image, right: Image) -> Map:
-        """Run the network on two images; return the disparity of the left one as the network gives
-        it: (H, W).
-        """
+        """Run the network on two images; return the unchecked disparity of the left one: (H, W)."""
         try:
             (found,) = self._session.run(
                 ["disparity"], {"left": _tensor(left), "right": _tensor(right)}

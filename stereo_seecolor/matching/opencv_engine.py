@@ -17,10 +17,10 @@ from stereo_seecolor.records import StereoFrame
 class BlockMatchingConstants:
     """Parameters of cv2.StereoSGBM.
 
-    block: side of a block, pixels. p1, p2: penalties per pixel of a block, those of OpenCV's own
-    examples for one channel.
-    uniqueness_percent: by how much the second best must be worse. left_right_px: how far the right
-    image may disagree.
+    block: side of a block, pixels. p1, p2: penalties per pixel of a block, from OpenCV's examples
+    for one channel.
+    uniqueness_percent: least excess of the second best cost over the best, percent. left_right_px:
+    largest difference in the left-right check.
     """
 
     block: int = 3

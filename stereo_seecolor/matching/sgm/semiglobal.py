@@ -25,7 +25,8 @@ from stereo_seecolor.records import Map
 FIRST_NUMBA, NEXT_NUMBA = (0, 61), (0, 69)
 """``vectors.py`` builds on internal interfaces of numba and llvmlite, which may change with any
 version. It was tested with 0.61.2 and 0.68.1: the first minor version, and the first after them (as
-in pyproject.toml). Elsewhere plain loops give the same results in about twenty times as long.
+in pyproject.toml). With other versions plain loops give the same results in about twenty times the
+time.
 """
 
 if FIRST_NUMBA <= tuple(int(part) for part in version("numba").split(".")[:2]) < NEXT_NUMBA:
@@ -62,16 +63,16 @@ def match_rows(
     rows[0] starts a tile.
 
     images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at
-    column before + W - 1 - x, zero where nothing was seen; before. band: lowest and count of each
-    tile. penalties: P2 maps (p2_maps), the largest P2, and the uniqueness under which a pixel stays
+    column before + W - 1 - x, zero outside the image; before. band: lowest and count of each tile.
+    penalties: P2 maps (p2_maps), the largest P2, and the uniqueness below which a pixel stays
     unknown.
     found: disparity of the left image, with the parabola's fraction; NaN where the best lies on the
     edge of its band, where it is not unique, or where the pixel of the right image that it meets
     chose, from the same costs, another by more than one pixel. Then the same with these latter two;
     then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
-    on_edge: added to for each tile, how many pixels' best lie on the edge of its band.
-    total: room for a sum a disparity that the bands of rows[1]..rows[2]-1 hold, one row after the
-    other.
+    on_edge: for each tile, the number of pixels whose best disparity lies on the edge of its band
+    is added.
+    total: work memory, a sum for each disparity of the bands of rows[1]..rows[2]-1, row after row.
     """
     left, right, before_left = images
     lowest, count = band
