@@ -22,7 +22,7 @@ NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
 def correct(
     image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig
 ) -> Correction:
-    """Correct an image. Unknown range is black, or raw by ``config.unknown_pixels``."""
+    """Correct an image. Pixels of unknown range are black, or raw by ``config.unknown_pixels``."""
     from stereo_seecolor.color.render import torch_apply  # loads torch, which --help does without
 
     check_pair(image, range_m)
@@ -42,7 +42,9 @@ def correct(
 def corrected(
     image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig
 ) -> Correction:
-    """The correction of an image from its corrected pixels. clipped: fraction of them."""
+    """Make the correction of an image from its corrected pixels. clipped: fraction of clipped
+    ones.
+    """
     unknown = shown.unknown
     pixels = carry_hue(shown, image)
     if config.unknown_pixels == "raw":
@@ -66,7 +68,9 @@ def corrected(
 def correct_linear(
     image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig
 ) -> NDArray[np.float32]:
-    """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
+    """Compute linear J, (H, W, 3) float32, unclipped, 1 = full scale; 0 where the range is
+    unknown.
+    """
     from stereo_seecolor.color.render import torch_apply
 
     check_pair(image, range_m)
