@@ -13,12 +13,18 @@ width.
 
 
 def fill(disparity: Map) -> Map:
-    """Close the holes of a disparity map (H, W); measured pixels stay as they are, and pixels too
-    far from any measured one stay NaN.
+    """Fill the holes of a disparity map.
 
     A surface that only one camera sees lies behind, so a hole gets the smaller disparity of its two
     ends in the row (Hirschmueller 2008, section 2.5), then the median of 5 x 5, which connects the
     rows. Smoothing across the hole (WLS) was worse.
+
+    Args:
+        disparity: (H, W) float32 pixels, NaN = unknown.
+
+    Returns:
+        (H, W) float32; measured pixels do not change, and pixels too far from any measured one stay
+            NaN.
     """
     ends = np.empty_like(disparity)
     _ends(disparity, REACH * disparity.shape[1], ends)

@@ -211,7 +211,15 @@ class Matcher:
 
 
 def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:
-    """Compute the disparity limits, pixels, of points at min_range_m to max_range_m."""
+    """Compute the disparity limits of points between two ranges.
+
+    Args:
+        pair: The geometry of the rectified images.
+        config: Settings; ``min_range_m`` and ``max_range_m`` are the ranges.
+
+    Returns:
+        Least and largest disparity of the left image, whole pixels.
+    """
     # depth, in the corner farthest from the axis
     nearest_m = config.min_range_m / float(pair.ray_length.max())
     limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))

@@ -43,7 +43,11 @@ ROWS_OFF = "their rows are off"
 
 
 def coverage(range_map: RangeMap) -> float:
-    """Compute the fraction of the left image's pixels that have a measured range."""
+    """Compute the fraction of the pixels of the left image with a measured range, 0..1.
+
+    Args:
+        range_map: The range map of the pair.
+    """
     return float(np.isfinite(range_map.measured_m).mean())
 
 

@@ -74,12 +74,19 @@ RED_HIGHLIGHTS = (
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
-    """Fit the water, with standard errors, to a table of at least one pixel; add warnings if the
-    table hardly determines it.
+    """Fit the water, with standard errors, to a moment table; add warnings if the table hardly
+    determines it.
 
-    start: initial water parameters; they change the duration of the fit, not its result. The
-    brightness of the white point is such that the brightest thousandth of a scene is near full
+    The brightness of the white point is such that the brightest thousandth of a scene is near full
     scale at exposure 1.
+
+    Args:
+        table: The moment table, with at least one pixel.
+        config: Settings of the color stage.
+        start: Initial water parameters; they change the duration of the fit, not its result.
+
+    Returns:
+        The water, with standard errors (NaN where the image adds no information).
     """
     return fit_quantiles(quantiles_by_range(table, config.encoding), config, start)
 
@@ -229,8 +236,11 @@ def error_with_cast(
     with a color cast.
 
     All quantiles of a scene share its cast, which their mean does not remove. So their estimate of
-    the white point is not more exact than the cast of scenes of the sea floor. covariance: (3, 3)
-    of the logarithms without a cast; prior: before any image.
+    the white point is not more exact than the cast of scenes of the sea floor.
+
+    Args:
+        covariance: (3, 3) of the logarithms without a cast.
+        prior: Before any image.
     """
     known, before, cast = (
         COLOR_AXES.T @ each @ COLOR_AXES for each in (covariance, prior, sea_floor().cast)

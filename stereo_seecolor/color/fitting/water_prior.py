@@ -101,8 +101,10 @@ def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
 
     a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is determined up to the exposure,
     which has a wide distribution.
-    depth_m: depth of the scene below the surface, m; None = any depth from the surface to where
-    little red remains.
+
+    Args:
+        depth_m: Depth of the scene below the surface, m; None = any depth from the surface to where
+            little red remains.
     """
     samples = np.stack([_water(draw, depth_m) for draw in low_discrepancy(ENSEMBLE.samples, 10)])
     return samples.mean(axis=0), np.cov(samples.T) + _left_out()
@@ -171,8 +173,10 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
 
 
 def drawn_camera(draw: Vector) -> NDArray[np.float64]:
-    """Compute (3, wavelengths) filters of unit sum. draw: (4,) random numbers in [0, 1), for peaks
-    and widths.
+    """Compute (3, wavelengths) filters of unit sum.
+
+    Args:
+        draw: (4,) random numbers in [0, 1), for peaks and widths.
     """
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
     widths = np.array(ENSEMBLE.widths_nm) * (

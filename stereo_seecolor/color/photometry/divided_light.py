@@ -35,12 +35,19 @@ class _Scale(NamedTuple):
 def divide_illumination(
     image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding
 ) -> Image:
-    """Divide an image by the pattern of the light and by the gain and shading of the frame, at the
-    same bit depth.
+    """Divide an image by the pattern of the light and by the gain and shading of the frame.
 
-    range_m: (H, W) meters; unknown ranges use the pattern at the reference range. Values above full
-    scale are clipped. Values that the camera clipped stay clipped, and the other channels of such a
-    pixel do not get darker, because the pixel would change its color.
+    Values above full scale are clipped. Values that the camera clipped stay clipped, and the other
+    channels of such a pixel do not get darker, because the pixel would change its color.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) meters; unknown ranges use the pattern at the reference range.
+        light: The light of the frame.
+        encoding: Encoding of the values.
+
+    Returns:
+        The image under uniform light, at the same bit depth.
     """
     out = np.empty_like(image)
     log_range = light.light.log_range(range_m).astype(np.float32)

@@ -74,7 +74,8 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
     """Compute mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
     and day.
 
-    reference_m: the typical range of the images, m.
+    Args:
+        reference_m: The typical range of the images, m.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5

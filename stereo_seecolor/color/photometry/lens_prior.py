@@ -40,8 +40,9 @@ def lens_ensemble(trend: float) -> tuple[Array, Array]:
     """Compute mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses
     in daylight.
 
-    trend: standard deviation of the trend. The mean pattern is 0, so that a pattern that the dive
-    does not determine is uniform.
+    Args:
+        trend: Standard deviation of the trend. The mean pattern is 0, so that a pattern that the
+            dive does not determine is uniform.
     """
     radial = np.zeros(TERMS + 1)
     width, height = SIZE

@@ -179,12 +179,19 @@ def solve_light(
     recorded: NDArray[np.float64] | None = None,
     is_sampled: bool = False,
 ) -> SurveyLight | None:
-    """Solve the light of a dive; None if no two frames show the same spot.
+    """Solve the light of a dive.
 
-    names: of all frames of the dive. size: (width, height) of the images of the observations.
-    allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera
-    recorded; they are subtracted first, so that the gains are relative to them. is_sampled: True if
-    the windows are of a part of the frames.
+    Args:
+        windows: Observations of patches in windows of neighboring frames.
+        names: Names of all frames of the dive.
+        size: (width, height) of the images of the observations.
+        allowed: The terms that may be used.
+        recorded: (F,) logarithms of the exposures that the camera recorded; they are subtracted
+            first, so that the gains are relative to them.
+        is_sampled: True if the windows are of a part of the frames.
+
+    Returns:
+        The light; None if no two frames show the same spot.
     """
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:

@@ -22,7 +22,19 @@ NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
 def correct(
     image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig
 ) -> Correction:
-    """Correct an image. Pixels of unknown range are black, or raw by ``config.unknown_pixels``."""
+    """Correct an image at its size and bit depth.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray; unknown where not finite or not above 0.
+        water: The water to remove.
+        tone: Exposure and roll-off of highlights.
+        config: Settings of the color stage; by ``config.unknown_pixels``, pixels of unknown range
+            are black or raw.
+
+    Returns:
+        The corrected frame.
+    """
     from stereo_seecolor.color.render import torch_apply  # loads torch, which --help does without
 
     check_pair(image, range_m)
@@ -68,8 +80,17 @@ def corrected(
 def correct_linear(
     image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig
 ) -> NDArray[np.float32]:
-    """Compute linear J, (H, W, 3) float32, unclipped, 1 = full scale; 0 where the range is
-    unknown.
+    """Compute the corrected image J as linear light.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray; unknown where not finite or not above 0.
+        water: The water to remove.
+        exposure: Gain of all channels.
+        config: Settings of the color stage.
+
+    Returns:
+        (H, W, 3) float32, unclipped, 1 = full scale; 0 where the range is unknown.
     """
     from stereo_seecolor.color.render import torch_apply
 

@@ -48,11 +48,17 @@ SAMPLE = 2
 def carry_ranges(
     image: Image, range_m: Map, seen: Mask | None = None, smoother: Smoother | None = None
 ) -> Map:
-    """Fill the unknown pixels of a range map; return the map itself if no range is known or none is
-    missing.
+    """Fill the unknown pixels of a range map.
 
-    image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, NaN unknown.
-    seen: (H, W) True where the image contains image data; elsewhere the range stays unknown.
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray, NaN = unknown.
+        seen: (H, W) bool, True where the image contains image data; elsewhere the range stays
+            unknown. None = everywhere.
+        smoother: Settings of the smoother; None = the defaults.
+
+    Returns:
+        (H, W) float32, meters; ``range_m`` itself if no range is known or none is missing.
     """
     smoother = smoother or Smoother()
     known = np.isfinite(range_m)

@@ -62,7 +62,13 @@ class Bounds(NamedTuple):
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
     """Limit the colors of a corrected image to measured ones, at pixels with an interpolated range.
 
-    image: (H, W, 3) encoded uint8 or uint16, or float32 in linear light.
+    Args:
+        image: (H, W, 3), encoded uint8 or uint16, or float32 in linear light.
+        carried: (H, W) bool, True where the range is interpolated.
+        measured: (H, W) bool, True where the range is measured.
+
+    Returns:
+        The image with limited colors, same shape and type.
     """
     every = slice(None, None, SETTINGS.every_px), slice(None, None, SETTINGS.every_px)
     bounds = bounds_of(image[every], measured[every]) if carried.any() else None
@@ -95,8 +101,9 @@ def _wide(carried: Mask) -> Mask:
 def seen_by_both(carried: Mask, outside: Mask) -> Mask:
     """Return the interpolated areas without those that lie mostly outside the right image.
 
-    carried: (H, W) True where the range is interpolated. outside: (H, W) True outside the right
-    image (``RectifiedPair.outside_right``).
+    Args:
+        carried: (H, W) True where the range is interpolated.
+        outside: (H, W) True outside the right image (``RectifiedPair.outside_right``).
     """
     wide = _wide(carried)
     _, labels = cv2.connectedComponents(wide.view(np.uint8))

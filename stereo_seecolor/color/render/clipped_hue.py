@@ -29,7 +29,9 @@ NEARLY_GRAY = 0.04
 def carry_hue(shown: Shown, image: Image) -> NDArray[Any]:
     """Give pixels without a hue that of their clipped neighbors; return the corrected image.
 
-    shown: the correction. image: (H, W, 3), the raw image.
+    Args:
+        shown: The correction.
+        image: (H, W, 3), the raw image.
     """
     at, top = np.flatnonzero(shown.unrecoverable), np.iinfo(image.dtype).max
     camera, colors = image.reshape(-1, 3)[at], shown.image.reshape(-1, 3)

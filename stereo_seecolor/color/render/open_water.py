@@ -40,12 +40,19 @@ OPEN_WATER = OpenWater()
 
 
 def without_open_water(image: Image, range_m: Map, water: Water, seen: Mask | None = None) -> Map:
-    """Remove the ranges of pixels that show open water next to measured surfaces; return the map
-    itself if there are none.
+    """Remove the ranges of pixels that show open water next to measured surfaces.
 
     Matching, and range maps of other programs, make objects in front of open water wider than they
-    are. Corrected at the range of the reef, the water around them becomes blue. water: the water to
-    remove from the image. Other parameters as of ``carry_ranges``.
+    are. Corrected at the range of the reef, the water around them becomes blue.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray, NaN = unknown.
+        water: The water to remove from the image.
+        seen: As in ``carry_ranges``.
+
+    Returns:
+        (H, W) float32, meters; ``range_m`` itself if there are no such pixels.
     """
     known = np.isfinite(range_m)
     unknown = ~known if seen is None else ~known & seen
