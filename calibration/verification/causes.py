@@ -154,7 +154,7 @@ NOT_TESTED = Causes()
 
 
 def find_causes(
-    rig: StereoRig, found: Sequence[Matches], couples: Sequence[SeenTwice] = ()
+    rig: StereoRig, matches: Sequence[Matches], couples: Sequence[SeenTwice] = ()
 ) -> Causes:
     """Fit all causes to the rows of matches in the rig's rectified images, and to what couples of
     neighboring pairs show.
@@ -162,7 +162,7 @@ def find_causes(
     Not tested where they show too few points.
     """
     try:
-        evidence = _Observed.of(rig, found, couples)
+        evidence = _Observed.of(rig, matches, couples)
     except np.linalg.LinAlgError:  # all points in one place
         return NOT_TESTED
     if evidence is None:
@@ -213,13 +213,13 @@ class _Observed:
 
     @classmethod
     def of(
-        cls, rig: StereoRig, found: Sequence[Matches], couples: Sequence[SeenTwice]
+        cls, rig: StereoRig, matches: Sequence[Matches], couples: Sequence[SeenTwice]
     ) -> "_Observed | None":
         plan = plan_rectification(rig)
         pair = plan.matching_pair
         centers = np.array([[pair.cx_left_px, pair.cy_px], [pair.cx_right_px, pair.cy_px]])
         sides = []
-        for one in (one for one in found if len(one.left) >= LEAST_POINTS):
+        for one in (one for one in matches if len(one.left) >= LEAST_POINTS):
             kept = row_inliers(one.left, one.right, pair)
             sides.append((one.left[kept] - centers[0], one.right[kept] - centers[1]))
         if not sides:

@@ -169,9 +169,9 @@ def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic
     return left.shape[1::-1] == rig.left.image_size and right.shape[1::-1] == rig.right.image_size
 
 
-def _together(found: list[Matches]) -> Matches:
+def _together(matches: list[Matches]) -> Matches:
     left, right = (
-        np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in found)])
+        np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in matches)])
         for side in ("left", "right")
     )
     return Matches(left, right)

@@ -260,11 +260,11 @@ class RowCheck:
         advice += [self.odd] if self.odd else []
         return tuple(advice)
 
-    def _large(self, cause: LargeCause, found: BestFactor) -> str:
+    def _large(self, cause: LargeCause, best: BestFactor) -> str:
         text = cause.text.format(
-            factor=found.factor,
-            inverse=1 / found.factor,
-            left=found.unexplained_px,
+            factor=best.factor,
+            inverse=1 / best.factor,
+            left=best.unexplained_px,
             rows=self.unexplained_px,
         )
         return f"{text}; {cause.cure}"

@@ -96,11 +96,11 @@ def control_fit(
     return ControlFit(T, residuals, float(np.sqrt((off**2).mean())), doubt)
 
 
-def _doubt(here: Array, there: Array, found: Sequence[PlacedMarker], stds_m: Array) -> str:
+def _doubt(here: Array, there: Array, markers: Sequence[PlacedMarker], stds_m: Array) -> str:
     """Which place is off, where the others fit without it; else the worst residual."""
     off = np.linalg.norm(transformed(rigid_alignment(here, there), here) - there, axis=1)
-    for i in np.argsort(-off) if len(found) > FEWEST else ():
-        others = np.arange(len(found)) != i
+    for i in np.argsort(-off) if len(markers) > FEWEST else ():
+        others = np.arange(len(markers)) != i
         T = rigid_alignment(here[others], there[others])
         left = np.linalg.norm(transformed(T, here) - there, axis=1)
         if (
@@ -108,9 +108,9 @@ def _doubt(here: Array, there: Array, found: Sequence[PlacedMarker], stds_m: Arr
             and left[i] > BEYOND_SIGMAS * stds_m[i]
         ):
             return (
-                f"marker {found[i].number} lies {left[i]:.3f} m from its position according to "
+                f"marker {markers[i].number} lies {left[i]:.3f} m from its position according to "
                 "the others: is its given position correct?"
             )
     worst = int(np.argmax(off / stds_m))
     beyond = f"{off[worst]:.3f} m off, {off[worst] / stds_m[worst]:.0f} standard errors"
-    return f"marker {found[worst].number} lies {beyond}: are all given positions correct?"
+    return f"marker {markers[worst].number} lies {beyond}: are all given positions correct?"

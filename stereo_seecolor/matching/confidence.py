@@ -48,11 +48,11 @@ class Context:
     levels: Map
 
     @classmethod
-    def of(cls, found: MatchedDisparity, left: Gray) -> "Context":
+    def of(cls, matched: MatchedDisparity, left: Gray) -> "Context":
         """Sample the matched disparities of the left image."""
         best, checked = (
-            _samples(found.best),
-            np.isfinite(_samples(found.disparity)).astype(np.float32),
+            _samples(matched.best),
+            np.isfinite(_samples(matched.disparity)).astype(np.float32),
         )
         disparity = np.where(np.isnan(best), np.float32(np.inf), best)
         window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window

@@ -82,19 +82,19 @@ class ReducedMatcher:
         )
         return self._matcher.matched(small)
 
-    def known(self, found: RangeMap) -> float:
-        """Compute the fraction of the pixels at full size with a range in ``found``, the result of
-        ``matched``.
+    def known(self, range_map: RangeMap) -> float:
+        """Compute the fraction of the pixels at full size with a range in ``range_map``, the result
+        of ``matched``.
         """
         width, height = self._size
-        return int(np.isfinite(found.disparity).sum()) * self._shrink**2 / (width * height)
+        return int(np.isfinite(range_map.disparity).sum()) * self._shrink**2 / (width * height)
 
-    def enlarged(self, found: RangeMap) -> RangeMap:
+    def enlarged(self, range_map: RangeMap) -> RangeMap:
         """Enlarge a range map of ``matched`` to the size of the pair."""
-        pixels = replace(found, disparity=found.disparity * np.float32(self._shrink))
+        pixels = replace(range_map, disparity=range_map.disparity * np.float32(self._shrink))
         large = pixels.each(self._larger)
         np.nan_to_num(large.confidence, copy=False)
-        return replace(large, vertical_px=found.vertical_px * self._shrink)
+        return replace(large, vertical_px=range_map.vertical_px * self._shrink)
 
     def _blocks(self, mask: Mask) -> NDArray[np.bool_]:
         rows, columns = (length // self._shrink for length in mask.shape)

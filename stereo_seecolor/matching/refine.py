@@ -52,10 +52,10 @@ def contrast_gain(left: Gray, right: Gray) -> float:
 
 
 def refine_rows(
-    pair: GrayPair, gain: float, found: MatchedDisparity, first: int, refined: Map, std: Map
+    pair: GrayPair, gain: float, matched: MatchedDisparity, first: int, refined: Map, std: Map
 ) -> tuple[Map, Map]:
     """Refine disparities: fill ``refined`` and ``std`` (pixels), starting at row ``first`` of
-    found.best; return support and relief.
+    matched.best; return support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient
     g of both images are summed over the window, means taken out: the step is cov(g, e) / var(g),
@@ -64,14 +64,14 @@ def refine_rows(
     out.
     support: fraction of the window that passed the checks.
     relief: |disparity - its mean over those|, pixels: large beside an edge. All are (rows, W), NaN
-    where found.best is.
+    where matched.best is.
     """
     support, relief = np.empty_like(refined), np.empty_like(refined)
     images, rows = (pair.left, pair.right), (first, first + refined.shape[0])
     _refine(
         images,
         np.float32(gain),
-        (found.disparity, found.best),
+        (matched.disparity, matched.best),
         rows,
         (refined, std, support, relief),
     )

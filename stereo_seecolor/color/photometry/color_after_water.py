@@ -45,7 +45,7 @@ FULL = 65535
 
 
 def refit_color_after_water(
-    found: SurveyLight,
+    survey_light: SurveyLight,
     windows: Sequence[SeenWindow],
     names: Sequence[str],
     size: tuple[int, int],
@@ -57,9 +57,9 @@ def refit_color_after_water(
     the water is removed.
     windows, names, size, recorded: as given to ``solve_light``, which found the light.
     """
-    if not found.color.use.pattern:
-        return found
-    light, log_gains = found.solved, np.zeros(len(names)) if recorded is None else recorded
+    if not survey_light.color.use.pattern:
+        return survey_light
+    light, log_gains = survey_light.solved, np.zeros(len(names)) if recorded is None else recorded
     gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
     shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(
         -1, SHADING, 3
@@ -77,16 +77,16 @@ def refit_color_after_water(
     made = [left(*both) for both in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
     if not made:
-        return found
+        return survey_light
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
-    prior = LightPrior.unknown(LEFT, alike(found.crossed, len(windows)))
+    prior = LightPrior.unknown(LEFT, alike(survey_light.crossed, len(windows)))
     solved = min(
         (solve(made, colors, use, len(measured), prior) for use in USES),
         key=lambda solution: solution.misfit,
     )
     return replace(
-        found, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
+        survey_light, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
     )
 
 

@@ -111,13 +111,15 @@ def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
     return solved
 
 
-def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> NDArray[np.void]:
+def without_shading(
+    differences: NDArray[np.void], parts: Parts, shading: Array
+) -> NDArray[np.void]:
     """Subtract the (F, SHADING, 3) shading from the differences (DIFFERENCE) of whole frames."""
     if not len(parts):
-        return found
-    frames, left = len(shading), found.copy()
+        return differences
+    frames, left = len(shading), differences.copy()
     pairs, part = np.unique(parts["i"].astype(np.int64) * frames + parts["j"], return_inverse=True)
-    pair = found["i"].astype(np.int64) * frames + found["j"]
+    pair = differences["i"].astype(np.int64) * frames + differences["j"]
     at = np.minimum(np.searchsorted(pairs, pair), len(pairs) - 1)
     patches = parts["patches"].astype(np.float64)
     luminance = shading.mean(axis=2, keepdims=True)

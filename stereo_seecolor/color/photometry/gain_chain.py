@@ -146,13 +146,13 @@ Chosen = tuple[bool | None, bool | None]
 """Whether gains of luminance and of color are used; None = if they help."""
 
 
-def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None)) -> Chain:
+def solve_chain(differences: Differences, known: Array, chosen: Chosen = (None, None)) -> Chain:
     """Solve gains of luminance and color. known: (F,) logarithms of gains to subtract first."""
     measured = np.zeros(len(known), np.bool_)
-    measured[found["i"]] = measured[found["j"]] = True
-    halves, outputs = (_outputs(found, known, part) for part in ("fitted", "whole"))
+    measured[differences["i"]] = measured[differences["j"]] = True
+    halves, outputs = (_outputs(differences, known, part) for part in ("fitted", "whole"))
     luminance, color = (
-        _offsets(found, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR)
+        _offsets(differences, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR)
     )
     used = [
         _helps(offsets) if use is None else use
@@ -162,30 +162,36 @@ def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None))
     return Chain(gains, measured, luminance)
 
 
-def offset_between(found: Differences, known: Array) -> float:
+def offset_between(differences: Differences, known: Array) -> float:
     """Compute the rms of luminance between frames on patches left out, with (F,) known gains
     subtracted.
     """
-    return _offsets(found, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
+    return _offsets(differences, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
 
 
-def _values(found: Differences, medians: str, output: int, known: Array) -> Array:
+def _values(differences: Differences, medians: str, output: int, known: Array) -> Array:
     """(D,) medians of luminance (output 0) or of a color, known gains of luminance subtracted."""
-    values = found[medians][:, output].astype(np.float64)
+    values = differences[medians][:, output].astype(np.float64)
     if output == 0:
-        values -= known[found["i"]]
-        values += known[found["j"]]
+        values -= known[differences["i"]]
+        values += known[differences["j"]]
     return values
 
 
-def _offsets(found: Differences, gains: Array, known: Array, part: slice) -> tuple[float, float]:
+def _offsets(
+    differences: Differences, gains: Array, known: Array, part: slice
+) -> tuple[float, float]:
     """rms of differences on patches left out of the fit, without and with gains."""
-    if not len(found):
+    if not len(differences):
         return 0.0, 0.0
-    weights, squares, columns = found["patches"].astype(np.float64), np.zeros(2), range(4)[part]
+    weights, squares, columns = (
+        differences["patches"].astype(np.float64),
+        np.zeros(2),
+        range(4)[part],
+    )
     for gain, column in zip(gains.T, columns, strict=True):  # one by one: there may be millions
-        without = _values(found, "judged", column, known)
-        left = without - gain[found["i"]] + gain[found["j"]]
+        without = _values(differences, "judged", column, known)
+        left = without - gain[differences["i"]] + gain[differences["j"]]
         squares += [np.einsum("d,d,d", off, off, weights) for off in (without, left)]
     before, after = np.sqrt(squares / (len(columns) * weights.sum())).tolist()
     return before, after
@@ -196,25 +202,26 @@ def _helps(offsets: tuple[float, float]) -> bool:
     return before > SETTINGS.offset and after < SETTINGS.left * before
 
 
-def _outputs(found: Differences, known: Array, medians: str) -> Array:
+def _outputs(differences: Differences, known: Array, medians: str) -> Array:
     """(F, 4) gains of luminance and color, fitted to medians of a name ("fitted" or "whole")."""
     solved = np.zeros((len(known), 4))
-    for output in range(4) if len(found) else ():
+    for output in range(4) if len(differences) else ():
         deviation = SETTINGS.color_gain if output else SETTINGS.gain
-        spread = found["spread"][:, output].astype(np.float64)
+        spread = differences["spread"][:, output].astype(np.float64)
         variance = (
-            spread**2 * SETTINGS.correlated / found["patches"] + SETTINGS.floor[min(output, 1)] ** 2
+            spread**2 * SETTINGS.correlated / differences["patches"]
+            + SETTINGS.floor[min(output, 1)] ** 2
         )
-        values = _values(found, medians, output, known)
-        solved[:, output] = _chain(found, values, variance, deviation, len(known))
+        values = _values(differences, medians, output, known)
+        solved[:, output] = _chain(differences, values, variance, deviation, len(known))
     return solved
 
 
 def _chain(
-    found: Differences, value: Array, variance: Array, deviation: float, frames: int
+    differences: Differences, value: Array, variance: Array, deviation: float, frames: int
 ) -> Array:
     """(F,) gains about 0 whose differences are the values: Cauchy weights and a prior."""
-    i, j = (np.ascontiguousarray(found[end]) for end in "ij")
+    i, j = (np.ascontiguousarray(differences[end]) for end in "ij")
     weight, prior = 1.0 / variance, np.array([deviation**-2])
 
     def terms(some: slice) -> tuple[Array, Array]:

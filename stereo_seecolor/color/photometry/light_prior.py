@@ -76,17 +76,17 @@ class Gaussian:
     mean: Array
     precision: Array
 
-    def misfit(self, found: Array, squares: float, matrix: Array) -> float:
+    def misfit(self, unknowns: Array, squares: float, matrix: Array) -> float:
         """Compute twice the negative log evidence for this prior, up to a constant (MacKay 1992).
 
-        found: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
+        unknowns: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
         equations.
         """
-        off = found - self.mean[:, None]
+        off = unknowns - self.mean[:, None]
         spread = (
             np.linalg.slogdet(matrix + self.precision)[1] - np.linalg.slogdet(self.precision)[1]
         )
-        return float(squares + (off * (self.precision @ off)).sum() + found.shape[1] * spread)
+        return float(squares + (off * (self.precision @ off)).sum() + unknowns.shape[1] * spread)
 
 
 class Alike(NamedTuple):

@@ -262,10 +262,10 @@ class MeanReef:
         rest /= max(variance, REEF.least_variance)
         return cls(rest[:unknowns, :unknowns], rest[:unknowns, unknowns:], np.diag(rest)[unknowns:])
 
-    def squares_left(self, found: Array) -> float:
+    def squares_left(self, unknowns: Array) -> float:
         """Compute the remaining sum of squares with the (n, Q) unknowns, in variances."""
-        explained = 2 * self.right - self.precision @ found
-        return float(self.squares.sum() - (found * explained).sum())
+        explained = 2 * self.right - self.precision @ unknowns
+        return float(self.squares.sum() - (unknowns * explained).sum())
 
 
 @dataclass(frozen=True)
@@ -354,14 +354,14 @@ class _WindowSums:
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
         return cls(np.concatenate(both, axis=1), at, window.patch, first)
 
-    def residuals(self, found: Array, weight: Array) -> Array:
+    def residuals(self, unknowns: Array, weight: Array) -> Array:
         """(N,) rms over outputs of differences from the patch's mean, the solution removed."""
         number, squares = len(self.at), np.zeros(len(self.patch))
-        for output in range(found.shape[1]):
-            left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
+        for output in range(unknowns.shape[1]):
+            left = self.both[:, number + output] - self.both[:, :number] @ unknowns[self.at, output]
             left -= (self.sums(left * weight) / self.sums(weight))[self.patch]
             squares += left**2
-        return np.asarray(np.sqrt(squares / found.shape[1]))
+        return np.asarray(np.sqrt(squares / unknowns.shape[1]))
 
     def products(self, weight: Array) -> Array:
         """(n, n + Q) normal equations of the columns less their means over a patch."""

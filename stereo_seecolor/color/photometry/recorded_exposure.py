@@ -56,9 +56,11 @@ def is_informative(recorded: Array) -> bool:
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 
 
-def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
+def offsets_about(differences: Differences, recorded: Array) -> tuple[float, float]:
     """Compute the rms of luminance between frames, without and with the (F,) records subtracted."""
-    return offset_between(found, np.zeros_like(recorded)), offset_between(found, recorded)
+    return offset_between(differences, np.zeros_like(recorded)), offset_between(
+        differences, recorded
+    )
 
 
 def explain(offsets: tuple[float, float]) -> bool:
@@ -66,11 +68,11 @@ def explain(offsets: tuple[float, float]) -> bool:
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
-def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
+def solve_recorded(differences: Differences, recorded: Array, chosen: Chosen) -> Chain:
     """Solve gains of all frames with the (F,) records as prior mean; a frame without overlap gets
     its record.
     """
-    chain = solve_chain(found, recorded, chosen)
+    chain = solve_chain(differences, recorded, chosen)
     left = (
         chain.offsets[1]
         if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain
@@ -79,5 +81,5 @@ def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain
     return Chain(
         chain.gains + recorded[:, None],
         chain.measured | (recorded != 0),
-        (offset_between(found, np.zeros_like(recorded)), left),
+        (offset_between(differences, np.zeros_like(recorded)), left),
     )

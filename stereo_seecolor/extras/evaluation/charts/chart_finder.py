@@ -29,9 +29,9 @@ def find_charts(image: Image) -> tuple[FoundChart, ...]:
     return tuple(sorted(kept, key=lambda chart: -chart.score))
 
 
-def _keep(kept: list[FoundChart], found: list[FoundChart]) -> None:
+def _keep(kept: list[FoundChart], charts: list[FoundChart]) -> None:
     """Add the charts found to those kept, unless they overlap one of them."""
-    for chart in sorted(found, key=lambda chart: (-int(chart.seen.sum()), -chart.score)):
+    for chart in sorted(charts, key=lambda chart: (-int(chart.seen.sum()), -chart.score)):
         if not any(_overlap(chart, other) for other in kept):
             kept.append(chart)
 

@@ -82,12 +82,14 @@ def chart(
     return Target(name, tuple(_filled(outline, shape) for outline in outlines), type)
 
 
-def found_chart(name: str, found: FoundChart, shape: tuple[int, ...]) -> Target:
+def found_chart(name: str, detected: FoundChart, shape: tuple[int, ...]) -> Target:
     """The target of a chart that was found; patches that the image does not show are empty."""
-    target = chart(name, found.corners, shape, found.type)
+    target = chart(name, detected.corners, shape, detected.type)
     return replace(
         target,
-        patches=tuple(patch & seen for patch, seen in zip(target.patches, found.seen, strict=True)),
+        patches=tuple(
+            patch & seen for patch, seen in zip(target.patches, detected.seen, strict=True)
+        ),
     )
 
 

@@ -202,9 +202,9 @@ def open_bag(path: Path) -> Bag:
     return Bag(path, tuple(files), tuple(topics), tuple(problems), tuple(sorted(+unstamped)))
 
 
-def _topic(name: str, msgtype: str, found: _Gathered) -> Topic:
-    entries = tuple(sorted(found.entries, key=lambda entry: entry.stamp_ns))
-    return Topic(name, msgtype, found.count, found.first_ns, found.last_ns, entries)
+def _topic(name: str, msgtype: str, gathered: _Gathered) -> Topic:
+    entries = tuple(sorted(gathered.entries, key=lambda entry: entry.stamp_ns))
+    return Topic(name, msgtype, gathered.count, gathered.first_ns, gathered.last_ns, entries)
 
 
 def payload(path: Path, place: Place) -> bytes:
