@@ -153,29 +153,29 @@ class Matcher:
         )
         return tuple(warning for warning in warnings if warning)
 
-    def range_map(self, matched: MatchedDisparity, pair: GrayPair) -> RangeMap:
+    def range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Turn disparities into a range map, in strips of rows on all cores.
 
         It removes speckles, refines disparities to sub-pixels, estimates the confidence, sets
         pixels below the least confidence to unknown, and triangulates the others.
 
         Args:
-            matched: The disparities of an engine; its arrays are changed.
+            found: The disparities of an engine; its arrays are changed.
             pair: The gray images of the disparities.
 
         Returns:
             The range map.
         """
-        remove_speckles(matched.disparity, CONSTANTS.speckle_px)
+        remove_speckles(found.disparity, CONSTANTS.speckle_px)
         if self.seen_left is not None:
-            matched.forget(~self.seen_left)
-        context = Context.of(matched, pair.left)
-        around = surroundings(context, matched.best.shape)
-        maps = RangeMaps.empty(matched.disparity.shape)
+            found.forget(~self.seen_left)
+        context = Context.of(found, pair.left)
+        around = surroundings(context, found.best.shape)
+        maps = RangeMaps.empty(found.disparity.shape)
         gain = contrast_gain(pair.left, pair.right)
         least = self._config.min_confidence
         limits_m = self._config.min_range_m, self._config.max_range_m
-        height = len(matched.disparity)
+        height = len(found.disparity)
         strips = [
             slice(first, min(first + CONSTANTS.strip, height))
             for first in range(0, height, CONSTANTS.strip)
@@ -184,15 +184,13 @@ class Matcher:
         def judge(rows: slice) -> None:
             disparity, confidence = maps.disparity[rows], maps.confidence[rows]
             support, relief = refine_rows(
-                pair, gain, matched, rows.start, disparity, maps.range_std_m[rows]
+                pair, gain, found, rows.start, disparity, maps.range_std_m[rows]
             )
             if self._engine.refined:
-                disparity[:] = matched.best[rows]
+                disparity[:] = found.best[rows]
             # log odds until judge_rows
-            weigh_rows((matched.uniqueness[rows], support, relief, around[rows]), confidence)
-            doubt = fattening(
-                (matched.best, pair.left), context, rows, confidence, least_odds(least)
-            )
+            weigh_rows((found.uniqueness[rows], support, relief, around[rows]), confidence)
+            doubt = fattening((found.best, pair.left), context, rows, confidence, least_odds(least))
             judge_rows(least, doubt, disparity, confidence)
             if not self._config.fill:
                 maps.measure(self._pair, limits_m, rows)
