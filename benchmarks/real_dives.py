@@ -33,7 +33,7 @@ from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.commands.rig_loading import REFINING_PAIRS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
+from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transform_points
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import Trajectory
@@ -135,7 +135,7 @@ def _track(dive: Dive) -> Iterator[Row]:
     )
     order = [int(np.abs(given.timestamps_s - time_s).argmin()) for time_s in own.timestamps_s]
     a, b = own.T_world_camera[:, :3, 3], given.T_world_camera[order, :3, 3]
-    off_m = transformed(rigid_alignment(a, b), a) - b
+    off_m = transform_points(rigid_alignment(a, b), a) - b
     path_m = float(np.linalg.norm(np.diff(b, axis=0), axis=1).sum())
     rms_m = float(np.sqrt((off_m**2).sum(axis=1).mean()))
     scale = np.linalg.norm(a - a.mean(axis=0)) / np.linalg.norm(b - b.mean(axis=0))

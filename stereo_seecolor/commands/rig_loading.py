@@ -36,7 +36,7 @@ def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
     """
     if not (is_video(left) and is_video(right)):
         return pair_sides(left, right, images)
-    pairing: Pairing = load("inputs", "videos").paired_anew(left, right, images)
+    pairing: Pairing = load("inputs", "videos").pair_again(left, right, images)
     return pairing
 
 

@@ -92,7 +92,7 @@ class Holder:
 
 
 @contextmanager
-def leased(root: Path, locked: bool) -> Iterator[Holder]:
+def hold_lease(root: Path, locked: bool) -> Iterator[Holder]:
     """Hold OUT for this process. locked: it holds the lock of the system too, so no other process
     of this machine can.
 

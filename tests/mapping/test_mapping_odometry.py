@@ -246,7 +246,7 @@ def test_priors_hold_the_map_to_navigation() -> None:
     priors = [pose_graph.Prior(i, T[i], np.array([0.5, 0.5, 0.01]), 0.01) for i in range(12)]
     start = inverse(T[0]) @ T
     solved, _ = pose_graph.solve(
-        odometry.moved_to(priors, start, list(range(12))), range(12), chain, priors
+        odometry.move_to_priors(priors, start, list(range(12))), range(12), chain, priors
     )
     assert np.abs(solved[:, 2, 3] + 8).max() < 0.03
     assert np.abs(solved[:, :2, 3] - T[:, :2, 3]).max() < 0.3

@@ -138,7 +138,7 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
         else depth_m
     )
     sunlight = np.exp(-kd * depth_m)
-    channels = drawn_camera(draw[3:7])
+    channels = random_camera(draw[3:7])
     white = channels @ sunlight
     transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
     fall, far = np.polyfit(
@@ -172,7 +172,7 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     )
 
 
-def drawn_camera(draw: Vector) -> NDArray[np.float64]:
+def random_camera(draw: Vector) -> NDArray[np.float64]:
     """Compute (3, wavelengths) filters of unit sum.
 
     Args:

@@ -72,7 +72,7 @@ class Brightness:
         )
 
 
-def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
+def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
     """Convert a table to a ``factor`` times shorter exposure: pixels move to the nearest value
     bin.
     """

@@ -28,7 +28,7 @@ from stereo_seecolor.color.photometry.survey import (
     Fitter,
     FrameBrightness,
     add_to,
-    completed,
+    fill_missing_waters,
     survey_waters,
     usual_exposure,
 )
@@ -154,7 +154,7 @@ class AutoFitter(Fitter):
         parts = _parts(evidence, self._config) if chunks else []
         segments = [[c for one in linked[part.start : part.stop] for c in one] for part in parts]
         self._segments = [range(one[0].frames.start, one[-1].frames.stop) for one in segments]
-        return completed(water for one in segments for water in self._segment_waters(one))
+        return fill_missing_waters(water for one in segments for water in self._segment_waters(one))
 
     def _segment_waters(self, chunks: Sequence["_Chunk"]) -> Iterator[tuple[str, Water | None]]:
         frames = range(chunks[0].frames.start, chunks[-1].frames.stop)

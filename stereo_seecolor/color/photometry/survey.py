@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
+from stereo_seecolor.color.photometry.exposure import Brightness, exposed, shorten_exposure
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName, Names
@@ -70,7 +70,7 @@ class FrameFitter(Fitter):
 
     def waters(self) -> Mapping[str, Water]:
         """Return the water of each frame; one without ranges gets that of the frame before it."""
-        return completed(self._waters.items())
+        return fill_missing_waters(self._waters.items())
 
 
 class SlidingFitter(Fitter):
@@ -102,7 +102,7 @@ class SlidingFitter(Fitter):
         """Return the water of the window of each frame; a frame without ranges gets that of the
         frame before.
         """
-        return completed(self._waters.items())
+        return fill_missing_waters(self._waters.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +185,7 @@ class SurveyFitter(Fitter):
         reference = self._classes.get(0)
         if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
             brighter = frame.classes[0].brightness.ratio(reference.brightness)
-            table = darkened(table, brighter, self._config.encoding)
+            table = shorten_exposure(table, brighter, self._config.encoding)
             brightness = Brightness.of(table, self._config.encoding)
             frame = replace(frame, classes={0: ExposureClass(table, brightness)})
         self.join(frame)
@@ -203,7 +203,7 @@ class SurveyFitter(Fitter):
     def waters(self) -> Mapping[str, Water]:
         """Return the water of the survey, scaled to the camera exposure of each frame."""
         numbers = range(len(self._frames))
-        return completed(
+        return fill_missing_waters(
             survey_waters(self._frames, numbers, self._classes, self._config, self._fit)
         )
 
@@ -267,7 +267,7 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
     return replace(water, exposure=exposure, highlights=highlights)
 
 
-def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
+def fill_missing_waters(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
     """Return the waters by name; a frame without one gets the last one before it, or else the
     first.
     """

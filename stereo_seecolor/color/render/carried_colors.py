@@ -98,7 +98,7 @@ def _wide(carried: Mask) -> Mask:
     return np.asarray(carried & (reach > 0))
 
 
-def seen_by_both(carried: Mask, outside: Mask) -> Mask:
+def inside_right_image(carried: Mask, outside: Mask) -> Mask:
     """Return the interpolated areas without those that lie mostly outside the right image.
 
     Args:

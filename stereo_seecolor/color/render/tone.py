@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.display import BRIGHTEST_LIGHT, BRIGHTEST_SHOWN, REACH, Tone
-from stereo_seecolor.color.render.water_gains import FINE, fine_ranges_m, unexposed
+from stereo_seecolor.color.render.water_gains import FINE, fine_ranges_m, unit_exposure_gains
 from stereo_seecolor.color.table.encoding import (
     decoded_bins,
 )
@@ -46,7 +46,7 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     correlated.
     """
     occupied = np.flatnonzero(table.pixels)
-    gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
+    gain, offset = unit_exposure_gains(water, fine_ranges_m()[occupied * FINE + FINE // 2])
     judged = _judged(gain.min(axis=0), table.pixels[occupied])
     occupied = occupied[judged]
     gain = np.ascontiguousarray(gain[:, judged])

@@ -67,7 +67,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     limits, as in Wiener's filter. A color matrix multiplies a channel's noise by at most the
     largest entry of its column.
     """
-    wanted, subtracted = unexposed(water, fine_ranges_m())
+    wanted, subtracted = unit_exposure_gains(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
     most = (
         OUTPUT_NOISE
@@ -89,7 +89,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
 
 
-def unexposed(
+def unit_exposure_gains(
     water: Water, range_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute (3, N) gain and offset of J = gain I - offset at (N,) ranges and exposure 1."""

@@ -12,7 +12,7 @@ from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.files.encode import encode_depth_mm
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import CLOUD
-from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
+from stereo_seecolor.run_folder.posed_run import PosedRun, join_numbers
 
 LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 
@@ -33,14 +33,14 @@ def write_metashape(posed: PosedRun, folder: Path) -> None:
         camera = ET.SubElement(
             cameras, "camera", id=str(number), sensor_id="0", label=image.stem, enabled="true"
         )
-        ET.SubElement(camera, "transform").text = spaced(T.ravel())
+        ET.SubElement(camera, "transform").text = join_numbers(T.ravel())
     transform = ET.SubElement(chunk, "transform")
     for name, numbers in (
         ("rotation", (1, 0, 0, 0, 1, 0, 0, 0, 1)),
         ("translation", (0, 0, 0)),
         ("scale", (1,)),
     ):
-        ET.SubElement(transform, name).text = spaced(numbers)
+        ET.SubElement(transform, name).text = join_numbers(numbers)
     ET.SubElement(chunk, "reference").text = LOCAL
     ET.indent(document)
     ET.ElementTree(document).write(folder / "cameras.xml", encoding="UTF-8", xml_declaration=True)
@@ -60,7 +60,7 @@ def _add_sensor(sensors: ET.Element, posed: PosedRun) -> None:
         ("cx", g.cx_left_px - middle_px[0]),
         ("cy", g.cy_px - middle_px[1]),
     ):
-        ET.SubElement(calibration, name).text = spaced((value,))
+        ET.SubElement(calibration, name).text = join_numbers((value,))
 
 
 METASHAPE = ExportFormat("images and cameras.xml", "Agisoft Metashape", write_metashape)
@@ -77,11 +77,11 @@ def write_kwiver(posed: PosedRun, folder: Path) -> None:
     images = write_images(posed.frames, folder)
     for image, T in zip(images, posed.T_camera_map, strict=True):
         parts = (
-            *map(spaced, posed.geometry.P_left),
+            *map(join_numbers, posed.geometry.P_left),
             "",
-            *map(spaced, T[:3, :3]),
+            *map(join_numbers, T[:3, :3]),
             "",
-            spaced(T[:3, 3]),
+            join_numbers(T[:3, 3]),
             "",
             "0",
         )

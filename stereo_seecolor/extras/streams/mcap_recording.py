@@ -95,7 +95,7 @@ class McapRecording:
         """Write a pair's messages. Raises OutputError if the disk is full."""
         with output_errors(self._path):
             for topic, message in messages(pair, self._geometry):
-                content = ros.serialized(TOPICS[topic], message)
+                content = ros.serialize(TOPICS[topic], message)
                 self._writer.add_message(
                     self._channels[topic], pair.stamp_ns, content, pair.stamp_ns, self._count
                 )

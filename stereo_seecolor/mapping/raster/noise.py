@@ -126,7 +126,7 @@ def corrected(
     return values, by_draws, of_corrections
 
 
-def added_by_noise(
+def noise_bias(
     measure: Callable[[Array], Array], height_m: Array, noise_m: Array, correlation_cells: float
 ) -> Array:
     """Compute what noise adds to ``measure`` (heights (H, W) -> (M,)), on average: (M,)."""

@@ -69,7 +69,7 @@ def published(namespace: str, geometry: RectifiedPair) -> Callable[[LiveFrame], 
             node.publish(
                 topic.replace("/stereo", prefix, 1),
                 ros.type_name(name),
-                ros.serialized(name, message),
+                ros.serialize(name, message),
             )
 
     return send

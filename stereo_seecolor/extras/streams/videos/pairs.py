@@ -78,7 +78,7 @@ class Videos:
         return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes))
 
 
-def paired_anew(left: Path, right: Path, images: InputConfig) -> Pairing:
+def pair_again(left: Path, right: Path, images: InputConfig) -> Pairing:
     """The pairs of two videos, or of one that shows both sides, chosen now. Raises InputError,
     DeviceError.
     """
