@@ -94,7 +94,8 @@ def main() -> None:
         for name, curve in CURVES.items():
             pictures = (drawn(seed, range_m, charts, tint, curve) for seed in range(asked.seeds))
             found = np.mean([both(picture, range_m, charts) for picture in pictures], axis=0)
-            print("| drawn, {} | {} | {:.1f} | {:.1f} |".format(scene, name, *found), flush=True)
+            row = "| synthetic, {} | {} | {:.1f} | {:.1f} |".format(scene, name, *found)
+            print(row, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The one table of docs/color-quality.md: every method on every data set, real or drawn.
+"""The one table of docs/color-quality.md: every method on every data set, real or synthetic.
 
     python benchmarks/color_table.py [PART ...] [--write] [--data FOLDER]
 
@@ -81,7 +81,7 @@ NIGHT = SurveySpec(seed=FIRST_SEED, pairs=8, image_size=(320, 256), lamp_intensi
 REEF = RunConfig.model_validate({"input": {"refine": True}, "output": {"preset": "no-clouds"}})
 
 Row = tuple[str, str, str, list[str]]
-"""What was measured on, real or drawn, the measure, and a cell for each of COLUMNS."""
+"""What was measured on, real or synthetic, the measure, and a cell for each of COLUMNS."""
 
 
 def cells_of(numbers: Mapping[str, Sequence[float]]) -> list[str]:
@@ -273,8 +273,10 @@ def smooth_and_bright(image: np.ndarray, range_m: np.ndarray) -> np.ndarray:
     return smooth & (light > np.quantile(light[smooth], 0.9))
 
 
-def drawn_dive_rows(data: Path) -> Iterator[Row]:
-    """Drawn dives, run as a user runs them: the sample dive by day, another by night with lamps."""
+def synthetic_dive_rows(data: Path) -> Iterator[Row]:
+    """Synthetic dives, run as a user runs them: the sample dive by day, another by night with
+    lamps.
+    """
     with tempfile.TemporaryDirectory() as folder:
         night = Path(folder) / "night"
         synthesize(NIGHT, night)
@@ -292,21 +294,21 @@ def drawn_dive_rows(data: Path) -> Iterator[Row]:
                     of = score_truth(known, truth)
                     scores[method].append((of.angle_deg, of.ciede2000))
             cells = cells_of({name: np.mean(of, axis=0) for name, of in scores.items()})
-            frames = f"drawn dive, {title}, {len(scores[OURS])} pairs"
-            yield frames, "drawn", "angle, CIEDE2000", cells
+            frames = f"synthetic dive, {title}, {len(scores[OURS])} pairs"
+            yield frames, "synthetic", "angle, CIEDE2000", cells
 
 
 def truth_row(title: str, cases: list[Case]) -> Row:
     """Mean angle to the truth, and CIEDE2000."""
     cells = by_column(lambda method: np.mean([score(c, method(c)) for c in cases], 0)[[0, 2]])
-    return f"{title}, {len(cases)} images", "drawn", "angle, CIEDE2000", cells
+    return f"{title}, {len(cases)} images", "synthetic", "angle, CIEDE2000", cells
 
 
 def scene_rows(data: Path) -> Iterator[Row]:
-    """Single pictures through drawn waters, with their true ranges."""
-    yield truth_row("drawn reef, three waters, 1 to 4 m", list(reef_cases(FIRST_SEED)))
+    """Single pictures through synthetic waters, with their true ranges."""
+    yield truth_row("synthetic reef, three waters, 1 to 4 m", list(reef_cases(FIRST_SEED)))
     seeds = range(FIRST_SEED, FIRST_SEED + SCENES)
-    yield truth_row("dead leaves, drawn waters", [make_case(seed) for seed in seeds])
+    yield truth_row("dead leaves, synthetic waters", [make_case(seed) for seed in seeds])
     if data.is_dir():
         yield truth_row("two rooms, three waters at 4 m", list(picture_cases(data))[1::3])
 
@@ -320,7 +322,7 @@ def photograph_rows(data: Path) -> Iterator[Row]:
         cases = cases_of(pictures, kind, range(1), depth)
         yield (
             f"photographs, {kind}, {depth[0]:g}-{depth[1]:g}",
-            "drawn",
+            "synthetic",
             "angle; after scaling",
             by_column(
                 lambda method, of=cases: np.median([score_photograph(c, method(c)) for c in of], 0)
@@ -349,7 +351,7 @@ def benthic_rows(data: Path) -> Iterator[Row]:
     )
     number = len(SPLIT) * BENTHIC_WATERS
     title = f"{number} benthic scenes, spectra not in the prior"
-    yield title, "drawn", f"angle: {', '.join(GROUPS)}", cells
+    yield title, "synthetic", f"angle: {', '.join(GROUPS)}", cells
 
 
 PARTS: dict[str, Callable[[Path], Iterator[Row]]] = {
@@ -357,7 +359,7 @@ PARTS: dict[str, Callable[[Path], Iterator[Row]]] = {
     "charts": chart_rows,
     "acfr": reef_rows,
     "halves": halves_rows,
-    "dives": drawn_dive_rows,
+    "dives": synthetic_dive_rows,
     "scenes": scene_rows,
     "benthic": benthic_rows,
     "photographs": photograph_rows,
@@ -379,7 +381,7 @@ def with_rows(page: str, rows: list[str]) -> str:
     """
     before, rest = page.split(TABLE_BEGIN)
     table, after = rest.split(TABLE_END)
-    head = [f"| data | real or drawn | measure | {' | '.join(COLUMNS)} |"]
+    head = [f"| data | real or synthetic | measure | {' | '.join(COLUMNS)} |"]
     head += ["|" + "---|" * (3 + len(COLUMNS))]
     lines = {key(line): line for line in table.strip().splitlines()[2:]}
     lines |= {key(line): line for line in rows}

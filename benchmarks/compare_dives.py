@@ -25,7 +25,7 @@ from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
+from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 
 FIRST = SurveySpec(
@@ -104,7 +104,7 @@ def judge(found: SiteChange, before: Reef, after: Reef) -> None:
         axis=-1,
     )
     places = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
-    off = transformed(found.registration.T_a_b @ T_SECOND_WORLD, places) - places
+    off = transform_points(found.registration.T_a_b @ T_SECOND_WORLD, places) - places
     say("registration: RMS error", f"{1000 * np.sqrt((off**2).sum(axis=1).mean()):.2f} mm")
     true_m = height_on(found.before.grid, after) - height_on(found.before.grid, before)
     known, moved = np.isfinite(found.difference.dz_m), np.abs(true_m) > 5e-4

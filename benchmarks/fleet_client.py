@@ -28,8 +28,8 @@ from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.commands import reported_run
 from stereo_seecolor.commands import run as commands
+from stereo_seecolor.commands import run_session
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.interface import Usage
 from stereo_seecolor.config import ColorConfig, RunConfig
@@ -255,9 +255,7 @@ def stand_ins(
 ) -> list[AbstractContextManager[Any]]:
     """What reads the images and the records of frames, replaced."""
 
-    def closed(
-        folder: Any, description: Any, *how: Any, close: Any = reported_run.close_run
-    ) -> Any:
+    def closed(folder: Any, description: Any, *how: Any, close: Any = run_session.close_run) -> Any:
         with meter.aside():
             for name in description.names:
                 record = folder.manifest._frame_file(name, "spread")
@@ -272,9 +270,9 @@ def stand_ins(
         patch.object(light_search.LightSearch, "_examined", workers.looks(number)),
         patch.object(Opened, "for_dive", lambda opened, *_: opened),
         patch.object(light_search, "explain", lambda _: recorded),
-        patch.object(reported_run, "need_bytes", lambda *_: 1),
-        patch.object(reported_run, "compile_for", lambda *_: None),
-        patch.object(reported_run, "close_run", closed),
+        patch.object(run_session, "need_bytes", lambda *_: 1),
+        patch.object(run_session, "compile_for", lambda *_: None),
+        patch.object(run_session, "close_run", closed),
     ]
 
 
@@ -284,7 +282,7 @@ MEASURED = (
         (commands, name)
         for name in ("measure_ranges", "find_light", "fit_waters", "correct_frames")
     ),
-    *((reported_run, name) for name in ("close_run", "write_reports", "products")),
+    *((run_session, name) for name in ("close_run", "write_reports", "products")),
 )
 """A line is printed after each call of these."""
 

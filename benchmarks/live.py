@@ -52,7 +52,7 @@ def write_bag(dive: Path, bag: Path, pairs: int, rate_hz: float, jpeg: bool) -> 
             stamp_ns = START_NS + round(number * 1e9 / rate_hz)
             for side, channel in sides.items():
                 message = _message(ros, stamp_ns, images[side][number % RENDERED], jpeg)
-                writer.add_message(channel, stamp_ns, ros.serialized(kind, message), stamp_ns)
+                writer.add_message(channel, stamp_ns, ros.serialize(kind, message), stamp_ns)
         writer.finish()
 
 

@@ -113,7 +113,7 @@ BREAKS = (
     ),
     Break(
         "causes of wrong rows: rivals that make ranges wrong ignored",
-        "calibration/field_checks/causes.py",
+        "calibration/verification/causes.py",
         "return [one for one in (self.best, *self.rivals) if one and one.is_wrong]",
         "return [one for one in (self.best,) if one and one.is_wrong]",
         "calibration/test_calibration_causes.py",

@@ -36,7 +36,7 @@ from stereo_seecolor.extras.evaluation.map_errors import (
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.geometry import rigid_alignment, transformed
+from stereo_seecolor.geometry import rigid_alignment, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 
 PINNED = {
@@ -246,7 +246,7 @@ def track_table(work: Path, python: Path, missing: dict[str, str]) -> list[str]:
         error = trajectory_error(track[placed], true)
         off = "-"
         if cloud is not None:
-            points = transformed(rigid_alignment(track[placed], true), cloud)
+            points = transform_points(rigid_alignment(track[placed], true), cloud)
             off_m = np.minimum(nearest_distance_m(points[::7], surface, REACH_M), REACH_M)
             off = " mm, ".join(f"{1000 * np.quantile(off_m, q):.1f}" for q in (0.5, 0.95)) + " mm"
         return (

@@ -30,10 +30,10 @@ from calibration.checks import vertical_disparity
 from calibration.formats import format_name, load_rig
 from stereo_seecolor.checks.sample import evenly_spaced, read_both
 from stereo_seecolor.color.render.carried import carry_ranges
-from stereo_seecolor.commands.dive_rig import REFINING_PAIRS
+from stereo_seecolor.commands.rig_loading import REFINING_PAIRS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
+from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transform_points
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import Trajectory
@@ -99,8 +99,12 @@ def the_dive(dive: Dive) -> Iterator[Row]:
     yield from _rows(dive, run)
     yield from _track(dive)
     known = np.array([_known_fractions(run, frame) for frame in run.frames])
-    yield "known of what both cameras see", "mean of 20 frames", f"{known[:, 0].mean():.1%}"
-    yield "known of the frame", "mean of 20 frames", f"{known[:, 1].mean():.1%}"
+    yield (
+        "fraction with a range, of the pixels that both cameras see",
+        "mean of 20 frames",
+        f"{known[:, 0].mean():.1%}",
+    )
+    yield "fraction with a range, of the frame", "mean of 20 frames", f"{known[:, 1].mean():.1%}"
 
 
 def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
@@ -131,7 +135,7 @@ def _track(dive: Dive) -> Iterator[Row]:
     )
     order = [int(np.abs(given.timestamps_s - time_s).argmin()) for time_s in own.timestamps_s]
     a, b = own.T_world_camera[:, :3, 3], given.T_world_camera[order, :3, 3]
-    off_m = transformed(rigid_alignment(a, b), a) - b
+    off_m = transform_points(rigid_alignment(a, b), a) - b
     path_m = float(np.linalg.norm(np.diff(b, axis=0), axis=1).sum())
     rms_m = float(np.sqrt((off_m**2).sum(axis=1).mean()))
     scale = np.linalg.norm(a - a.mean(axis=0)) / np.linalg.norm(b - b.mean(axis=0))
@@ -180,7 +184,8 @@ def navigation(dive: Dive) -> Iterator[Row]:
     yield "linear rugosity, poses of the survey as navigation", "20 pairs", f"{rugosity[0]:.3f}"
     yield "without navigation, by the own track", "20 pairs", f"{own / rugosity[0] - 1:+.1%}"
     changes = ", ".join(f"{value / rugosity[0] - 1:+.1%}" for value in rugosity[1:])
-    yield "poses of the survey with 10 cm, 3 cm and 2 degrees of noise", f"{DRAWS} draws", changes
+    noise = "poses of the survey with 10 cm, 3 cm and 2 degrees of noise"
+    yield noise, f"{DRAWS} random sets", changes
 
 
 def _rugosity(dive: Dive, times_s: np.ndarray, T: np.ndarray) -> float:
@@ -228,7 +233,7 @@ def malformed(data: Path, work: Path) -> Iterator[Row]:
         ),
     )
     yield (
-        "longest, and most memory above the program's own",
+        "longest time, and most memory above the program's own",
         "the same",
         (
             f"{max(seconds for _, seconds, *_ in results):.2f} s, "
@@ -314,18 +319,13 @@ INTRODUCTION = """# Real dives
 python benchmarks/real_dives.py DATA
 ```
 
-![The map of the sample dive from a slant, and its orthomosaic](../images/map_sample.jpg)
+![The map of the sample dive, seen obliquely, and its orthomosaic](../images/map_sample.jpg)
 
 *The map of the synthetic sample dive, since these dives may not be shown.*
 
-Written by this command, on data as they were published: a reef dive of a diver's rig (20 consecutive pairs at 2 Hz, 1360x1024, a
-vertical pair with color on the left and monochrome on the right, strobe-lit, calibrated in water with MATLAB; Australian Centre
-for Field Robotics), and calibration files of four real underwater rigs. None of it may be shown or passed on, so that there are
-numbers only. Track and poses are compared with the survey's own SLAM of the same images, which is not an independent truth.
-Processor time is what compares with other machines: where others worked on the same cores, elapsed time is theirs too.
+**Data.** Real, as published: a reef dive (20 consecutive pairs at 2 Hz, 1360x1024, a vertical pair with color on the left and monochrome on the right, strobe-lit, calibrated in water with MATLAB; Australian Centre for Field Robotics), and calibration files of four real underwater rigs. The images may not be shown. Track and poses are compared with the survey's own SLAM of the same images: a consistency check, not independent ground truth. Compare processor time between machines; elapsed time includes other work on the same cores.
 """  # noqa: E501
-END = """That wrong axes, units, norths and clocks, and poses on wrong frames, are named on this dive, and the published poses not
-accused, is tested by `tests/mapping/test_real_navigation.py`.
+END = """`tests/mapping/test_real_navigation.py` tests on this dive that wrong axes, units, norths and clocks, and poses on wrong frames, are named, and that the published poses are not.
 """  # noqa: E501
 
 

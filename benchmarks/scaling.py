@@ -219,7 +219,7 @@ class Schedule:
 
 
 def longer(parts: list[Part], long: int) -> list[Part]:
-    """The parts of a run of ``long`` pairs: of the light more stretches, and passes over all pairs
+    """The parts of a run of ``long`` pairs: of the light more segments, and passes over all pairs
     so much longer.
     """
     pairs = max(part.items for part in parts)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.scene_colors import COLORS, SceneColors
-from stereo_seecolor.color.fitting.water_prior import WAVELENGTH_NM, drawn_camera
+from stereo_seecolor.color.fitting.water_prior import WAVELENGTH_NM, random_camera
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def _scene(spectra: Array, kind_of: NDArray[np.intp], rng: np.random.Generator) 
     chosen = rng.permutation(kind_of.max() + 1)[: rng.integers(1, SCENES.kinds + 1)]
     things = np.array([rng.choice(np.flatnonzero(kind_of == kind)) for kind in chosen])
     power = np.exp(rng.normal(0, SCENES.pigment, (len(things), 1)))
-    colors = spectra[things] ** power @ drawn_camera(rng.random(4)).T
+    colors = spectra[things] ** power @ random_camera(rng.random(4)).T
     colors *= np.exp(rng.normal(0, SCENES.brightness, (len(things), 1)))
     of = rng.choice(len(things), SCENES.pixels, p=rng.dirichlet(np.ones(len(things))))
     light = rng.normal(0, np.hypot(SCENES.brightness, SCENES.shade), (SCENES.pixels, 1))

@@ -13,8 +13,8 @@ from calibration.boards.shifted_pairs import refuse_out_of_step
 from calibration.boards.target_views import TargetView, common_ids, observations_of, usable_views
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import jackknife, no_worse
 from calibration.rectification import rectified_points
+from calibration.resampling import jackknife, no_worse
 from calibration.rig import Medium, StereoRig
 from calibration.rig_errors import RigErrors
 

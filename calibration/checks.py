@@ -8,17 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
-from calibration.field_checks.causes import NOT_TESTED, find_causes
-from calibration.field_checks.large_causes import NOT_TRIED, best_factor
-from calibration.field_checks.matches import (
-    Matches,
-    explain,
-    find_matches,
-    robust_fit,
-    row_inliers,
-)
-from calibration.field_checks.table import ENLARGED, IN_AIR
-from calibration.field_checks.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
     Rectification,
@@ -26,6 +15,12 @@ from calibration.rectification import (
     raw_points,
 )
 from calibration.rig import StereoRig
+from calibration.verification.causes import NOT_TESTED, find_causes
+from calibration.verification.large_causes import NOT_TRIED, best_factor
+from calibration.verification.matches import Matches, find_matches
+from calibration.verification.row_fits import explain, robust_fit, row_inliers
+from calibration.verification.table import ENLARGED, IN_AIR
+from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 
 Array = NDArray[np.float64]
 MOST_MATCHES = 4000  # spread evenly: more cost time
@@ -47,21 +42,21 @@ def vertical_disparity(
     return judge_matches(rig, [find_matches(rectification, left, right) for left, right in pairs])
 
 
-def rows_off_px(rig: StereoRig, found: Sequence[Matches]) -> float:
+def rows_off_px(rig: StereoRig, matches: Sequence[Matches]) -> float:
     """Median vertical disparity, pixels, of matches in the rectified images of each pair. Raises
     CalibrationError for too few.
     """
-    left, right, _ = _points_near_rows(plan_rectification(rig).matching_pair, found)
+    left, right, _ = _points_near_rows(plan_rectification(rig).matching_pair, matches)
     return float(np.median(np.abs(right[:, 1] - left[:, 1])))
 
 
-def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
+def judge_matches(rig: StereoRig, matches: Sequence[Matches]) -> RowCheck:
     """Judge the rows as vertical_disparity does, from matches in the rectified images of each
     pair.
     """
     plan = plan_rectification(rig)
     pair = plan.matching_pair
-    left, right, numbers = _points_near_rows(pair, found)
+    left, right, numbers = _points_near_rows(pair, matches)
     raw = (left, right)
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
     rows = right[:, 1] - left[:, 1]
@@ -69,13 +64,13 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
     row_error_px = float(np.median(np.abs(rows)))
     in_images = raw_points(rig, *raw)
     across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair
-    causes = find_causes(rig, found)
+    causes = find_causes(rig, matches)
     agree = row_error_px <= LIMITS.acceptable_px
     has_lens = rig.port is None and not rig.is_rectified
     # of a calibration without distortion, lenses would look like air
     has_distortion = rig.left.distortion.any() or rig.right.distortion.any()
     return RowCheck(
-        pairs=len(found),
+        pairs=len(matches),
         matches=len(rows),
         row_error_px=row_error_px,
         offset_px=float(model[0]),
@@ -97,23 +92,23 @@ def judge_matches(rig: StereoRig, found: Sequence[Matches]) -> RowCheck:
 
 
 def _points_near_rows(
-    pair: RectifiedPair, found: Sequence[Matches]
+    pair: RectifiedPair, all_matches: Sequence[Matches]
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """(n, 2) matched points of the left and right images that agree about the rows, and (n,) the
     number of the pair of each. Raises CalibrationError for too few.
     """
     left, right = (
-        np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)])
+        np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in all_matches)])
         for side in ("left", "right")
     )
-    numbers = np.repeat(np.arange(len(found)), [len(matches.left) for matches in found])
+    numbers = np.repeat(np.arange(len(all_matches)), [len(matches.left) for matches in all_matches])
     if len(left) >= MIN_MATCHES:
         kept = row_inliers(left, right, pair)
         left, right, numbers = left[kept], right[kept], numbers[kept]
     if len(left) < MIN_MATCHES:
         raise CalibrationError(
             f"only {len(left)} points were found in both images of "
-            f"{counted(len(found), 'pair')}, {MIN_MATCHES} are needed: give pairs with "
+            f"{counted(len(all_matches), 'pair')}, {MIN_MATCHES} are needed: give pairs with "
             "texture, and check whether both images show the same scene at the same time"
         )
     return left, right, numbers

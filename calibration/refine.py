@@ -18,19 +18,15 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.field_checks.conventions import settle_matches
-from calibration.field_checks.matches import (
-    Matches,
-    jackknife,
-    no_worse,
-    rectified_matches,
-    row_inliers,
-)
 from calibration.geometry import rigid
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refinement import Movement, Refinement
 from calibration.refraction import cameras_in_water
+from calibration.resampling import jackknife, no_worse
 from calibration.rig import StereoRig, quarter_turn
+from calibration.verification.conventions import settle_matches
+from calibration.verification.matches import Matches, rectified_matches
+from calibration.verification.row_fits import row_inliers
 
 Array = NDArray[np.float64]
 

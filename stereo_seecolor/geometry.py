@@ -39,7 +39,7 @@ def inverse(T: Array) -> Array:
     return result
 
 
-def transformed(T: Array, points: NDArray[np.floating]) -> Array:
+def transform_points(T: Array, points: NDArray[np.floating]) -> Array:
     """Points (..., 3) through a rigid transform (4, 4)."""
     return np.asarray(points @ T[:3, :3].T + T[:3, 3], np.float64)
 

@@ -19,7 +19,7 @@ from calibration.formats import load_rig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import SlidingFitter
-from stereo_seecolor.color.render.carried_colors import seen_by_both
+from stereo_seecolor.color.render.carried_colors import inside_right_image
 from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.color.response.measure import measure_response
 from stereo_seecolor.color.response.response import Response, standard_config
@@ -403,7 +403,7 @@ def _carried_as_measured(
     """
     filled = range_map.filled
     measured = ~(filled | correction.unknown | correction.unrecoverable)
-    carried = filled if outside is None else seen_by_both(filled, outside)
+    carried = filled if outside is None else inside_right_image(filled, outside)
     image = corrector.within_measured(correction.image, carried, measured)
     linear = (
         None

@@ -1,7 +1,8 @@
 """Fixtures that many tests share."""
 
 # ruff: noqa: E402
-from stereo_seecolor.compute.process import one_thread_in_libraries, tune_gc
+from stereo_seecolor.compute.library_threads import one_thread_in_libraries
+from stereo_seecolor.compute.process import tune_gc
 
 one_thread_in_libraries()  # as at the command line, and before what follows imports them
 tune_gc()

@@ -11,7 +11,7 @@ from calibration.boards.bundle import CornerObservation
 from calibration.boards.report import ViewReport
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import to_gray
+from calibration.gray import to_gray
 
 Size = tuple[int, int]
 MIN_VIEWS = 3  # fewer do not determine a camera (Zhang 2000)

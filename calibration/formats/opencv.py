@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
-from calibration.formats.reading.aliases import spelled
-from calibration.formats.reading.finder import Parts, Role, Side, find, miscounted
+from calibration.formats.reading.aliases import words_for
+from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
@@ -115,7 +115,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
 
 def _refuse_miscounted(document: Section) -> None:
     """Raise CalibrationError for a part whose numbers are too few or too many."""
-    if said := miscounted(document.content):
+    if said := describe_miscount(document.content):
         raise CalibrationError(f"{document.where}: {said}: compare it with the file of the tool")
 
 
@@ -209,7 +209,7 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
         for said, text in texts(document.content)
         if {"model", "type"} & set(said)
     }
-    others = spelled(named, "other lens")
+    others = words_for(named, "other lens")
     if others:
         raise CalibrationError(
             f"{document.where}: the lens model {min(others)!r} is not supported: calibrate with "
@@ -230,12 +230,12 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
         return [("", "pinhole")]
     said_so = any(text is True and "fisheye" in said for said, text in texts(document.content))
     if (
-        spelled(named, "fisheye")
+        words_for(named, "fisheye")
         or said_so
         or any("fe" in words(leaf.path[-1]) for leaf in distortions)
     ):
         return [("", "fisheye")]
-    is_open = not spelled(named, "pinhole") and all(
+    is_open = not words_for(named, "pinhole") and all(
         leaf.numbers.size == 4 and leaf.numbers.any() for leaf in distortions
     )
     return [(FOUR_PINHOLE, "pinhole"), (FOUR_FISHEYE, "fisheye")] if is_open else [("", "pinhole")]

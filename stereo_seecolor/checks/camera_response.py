@@ -108,14 +108,14 @@ def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
     return images
 
 
-def _as_file_says(path: Path, found: MeasuredResponse) -> MeasuredResponse:
+def _as_file_says(path: Path, measured: MeasuredResponse) -> MeasuredResponse:
     """What the first file itself says of its encoding, where its noise says nothing."""
     with suppress(InputError):
         content = read_image_bytes(path)
         if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"gAMA") == LINEAR_GAMMA:
-            return replace(found, response=Response("linear"), verdict="linear")
+            return replace(measured, response=Response("linear"), verdict="linear")
     # the errors of Pillow for what it does not read
     with suppress(OSError, ValueError, SyntaxError), Pillow.open(path) as image:
         if image.getexif().get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
-            return replace(found, verdict="encoded")
-    return found
+            return replace(measured, verdict="encoded")
+    return measured

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration import CalibrationError, Rectification
-from calibration.field_checks.changes import (
+from calibration.verification.changes import (
     Changes,
     PairRows,
     changes_of,
@@ -17,17 +17,17 @@ from calibration.field_checks.changes import (
     enlarged_side,
     pair_rows,
 )
-from calibration.field_checks.matches import QUICK, Matches, find_matches
-from calibration.field_checks.motion import couple_across
+from calibration.verification.matches import QUICK, Matches, find_matches
+from calibration.verification.motion import couple_across
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
+    consecutive_intervals,
     edge,
     evenly_spaced,
     matching_threads,
     read_both,
     readable,
-    stretches,
 )
 from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
@@ -192,7 +192,9 @@ def odd_among(
     rows = list(threads.each(lambda place: look_at(rectification, pairs[place], images), compared))
     changes = changes_of(rows)
     odd = [compared[number] for number in changes.odd if compared[number] in suspects]
-    lines = [odd_line(pairs[first].name, pairs[last].name) for first, last in stretches(odd)]
+    lines = [
+        odd_line(pairs[first].name, pairs[last].name) for first, last in consecutive_intervals(odd)
+    ]
     return DiveChange("; ".join(lines), frozenset(pairs[place].name for place in odd))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
-from calibration.field_checks.matches import (
+from calibration.verification.matches import (
     MATCH_LIMITS,
     QUICK,
     Described,
@@ -21,8 +21,8 @@ from calibration.field_checks.matches import (
     match_described,
     similar_points,
 )
-from calibration.field_checks.vertical_disparity import LIMITS as ROW_LIMITS
-from stereo_seecolor.checks.sample import matching_threads, read_both, stretches
+from calibration.verification.vertical_disparity import LIMITS as ROW_LIMITS
+from stereo_seecolor.checks.sample import consecutive_intervals, matching_threads, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -235,7 +235,7 @@ def _slips(
     """
     parts = [
         (first, last)
-        for first, last in stretches(place for place, _ in misfits)
+        for first, last in consecutive_intervals(place for place, _ in misfits)
         if last - first + 1 >= _LIMITS.part_pairs
     ]
     found = []

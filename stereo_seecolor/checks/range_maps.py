@@ -30,8 +30,9 @@ LEAST_BLOCKS = 100
 REDDER, CLEARER = 0.1, 0.0
 """Rank correlations of values with the blocks' red over green and blue, and with their contrast;
 both must be larger, on average over the images. With true ranges (8 frames of FLSea, Sea-thru, 2 of
-a jetty, 5 of a strobe-lit reef, 4 drawn ones) the first is -0.96 to -0.03 and the second -0.66 to
-0.05 in each single frame; the same maps as disparities have these with the other sign."""
+a jetty, 5 of a strobe-lit reef, 4 synthetic ones) the first is -0.96 to -0.03 and the second -0.66
+to 0.05 in each single frame; the same maps as disparities have these with the other sign.
+"""
 DARK = 0.002
 """Of full scale, added to light: the noise of dark pixels is no color."""
 FIXED_POINT = 16

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
-from calibration.field_checks.causes import find_causes
-from calibration.field_checks.matches import Matches, find_matches
-from calibration.field_checks.mistakes import FoundMistake, likely_mistake, may_be_wrong
-from calibration.field_checks.motion import find_couples, find_motion, motion_of
-from calibration.field_checks.quick_check import quick_check
+from calibration.verification.causes import find_causes
+from calibration.verification.matches import Matches, find_matches
+from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
+from calibration.verification.motion import find_couples, find_motion, motion_of
+from calibration.verification.quick_check import quick_check
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
 from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (
@@ -111,7 +111,7 @@ class JudgedRig:
     def with_motion(
         self,
         rig: StereoRig,
-        found: Sequence[Matches],
+        matches: Sequence[Matches],
         pairs: Sequence[Pair],
         images: InputConfig,
     ) -> "JudgedRig":
@@ -123,24 +123,24 @@ class JudgedRig:
         motion = motion_of(couples, rectification.matching_pair)
         causes = self.rows.causes
         if motion.is_known or motion.is_found:
-            causes = find_causes(rig, found, couples)
+            causes = find_causes(rig, matches, couples)
         return replace(self, rows=replace(self.rows, motion=motion, causes=causes))
 
 
 def judge_rig(
     rig: StereoRig,
-    found: Sequence[Matches],
+    matches: Sequence[Matches],
     pairs: Sequence[Pair],
     images: InputConfig,
     change: DiveChange,
 ) -> JudgedRig:
     """Judge a rig by matches in its rectified images, and by what changes from pair to pair.
 
-    found: of pairs spread over the dive. pairs: of the dive, without odd ones.
+    matches: of pairs spread over the dive. pairs: of the dive, without odd ones.
     """
     rows, too_few = None, ""
     try:
-        rows = judge_matches(rig, found)
+        rows = judge_matches(rig, matches)
     except CalibrationError as error:
         too_few = str(error)
     mistake: FoundMistake | None = None

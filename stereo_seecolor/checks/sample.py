@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibration.field_checks.matches import MATCH_LIMITS
-from stereo_seecolor.compute.process import at_once
+from calibration.verification.matches import MATCH_LIMITS
+from stereo_seecolor.compute.free_memory import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
@@ -57,8 +57,8 @@ def edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
     return outside
 
 
-def stretches(places: Iterable[int]) -> list[tuple[int, int]]:
-    """The first and last of each stretch of neighboring places, which are in order."""
+def consecutive_intervals(places: Iterable[int]) -> list[tuple[int, int]]:
+    """First and last of each interval of consecutive numbers. places: in increasing order."""
     parts: list[tuple[int, int]] = []
     for place in places:
         if parts and place == parts[-1][1] + 1:

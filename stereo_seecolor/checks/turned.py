@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration import CalibrationError
 from calibration.errors import counted
-from calibration.field_checks.changes import PairRows, differ
+from calibration.verification.changes import PairRows, differ
 from stereo_seecolor.checks.sample import evenly_spaced, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError

@@ -3,7 +3,8 @@
 import sys
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
-from stereo_seecolor.compute.process import one_thread_in_libraries, tune_gc
+from stereo_seecolor.compute.library_threads import one_thread_in_libraries
+from stereo_seecolor.compute.process import tune_gc
 
 __all__ = ["main"]
 

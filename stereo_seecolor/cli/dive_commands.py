@@ -15,7 +15,7 @@ from stereo_seecolor.cli.command import SIDES, command
 from stereo_seecolor.cli.report import Report, computing
 from stereo_seecolor.cli.result_texts import map_text, page_text, run_text
 from stereo_seecolor.cli.results import map_exit_code, run_content, run_exit_code
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.plugins import load
 from stereo_seecolor.run_folder.layout import INDEX
 

@@ -45,38 +45,41 @@ def inspect(places: Places, report: LoggedReport) -> None:
     )
 
 
-def inspection_text(found: "Inspection") -> str:
+def inspection_text(inspection: "Inspection") -> str:
     """The files, the measurements of sample pairs, notes, and the run command."""
     output = [
-        f"left:  {found.sides.left}{_image_text(found.left)}",
-        f"right: {found.sides.right}{_image_text(found.right)}",
+        f"left:  {inspection.sides.left}{_image_text(inspection.left)}",
+        f"right: {inspection.sides.right}{_image_text(inspection.right)}",
     ]
-    if found.pairs:
-        every = f", one every {found.interval_s:.3g} s" if found.interval_s else ""
-        exposure = "recorded with each image" if found.exposure_recorded else "not recorded"
+    if inspection.pairs:
+        every = f", one every {inspection.interval_s:.3g} s" if inspection.interval_s else ""
+        exposure = "recorded with each image" if inspection.exposure_recorded else "not recorded"
         output.append(
-            f"{counted(found.pairs, 'pair')}{every}; "
-            f"{counted(found.unpaired, 'file without a partner')}; exposure {exposure}"
+            f"{counted(inspection.pairs, 'pair')}{every}; "
+            f"{counted(inspection.unpaired, 'file without a partner')}; exposure {exposure}"
         )
-    if found.calibration:
-        output += _calibration_lines(found.calibration)
-    output += [_poses_line(poses, found.pairs) for poses in found.poses]
-    if found.measured:
-        output += _measured_lines(found.measured)
-    for misfit in found.misfits:
+    if inspection.calibration:
+        output += _calibration_lines(inspection.calibration)
+    output += [_poses_line(poses, inspection.pairs) for poses in inspection.poses]
+    if inspection.measured:
+        output += _measured_lines(inspection.measured)
+    for misfit in inspection.misfits:
         fits = (
             f"; the left image of {misfit.pair} fits the right one of {misfit.fits}"
             if misfit.fits
             else ""
         )
         output.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
-    if found.calibration and not found.calibration.rig.states_errors:
+    if inspection.calibration and not inspection.calibration.rig.states_errors:
         output.append(
             "the images cannot show whether the scale of this calibration is right: "
             "docs/what-it-cannot-know.md"
         )
     return lines(
-        *output, *(f"note: {problem}" for problem in found.problems), "", found.run_command
+        *output,
+        *(f"note: {problem}" for problem in inspection.problems),
+        "",
+        inspection.run_command,
     )
 
 
@@ -104,10 +107,10 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
     ]
 
 
-def _poses_line(found: "FoundPoses", pairs: int) -> str:
-    of_pairs = f", for {found.pairs} of {pairs} pairs by {found.by}" if pairs else ""
+def _poses_line(poses: "FoundPoses", pairs: int) -> str:
+    of_pairs = f", for {poses.pairs} of {pairs} pairs by {poses.by}" if pairs else ""
     return (
-        f"poses: {found.path} ({found.format}): {counted(found.poses, 'pose')}{of_pairs}; for "
+        f"poses: {poses.path} ({poses.format}): {counted(poses.poses, 'pose')}{of_pairs}; for "
         "a map with them add --fuse --poses"
     )
 

@@ -31,7 +31,9 @@ class RowSampling:
     pixels: int = 400_000
     """Pixels counted at least: of an image with n times as many, every nth row is counted."""
     least_known: int = 65_000
-    """Least pixels of known range in these rows, else all are counted: 20 ranges of 3,000 each."""
+    """Least pixels with a range in these rows, else all rows are counted: 20 groups of range of
+    3,000 each.
+    """
 
 
 SAMPLING = RowSampling()
@@ -40,7 +42,7 @@ SAMPLING = RowSampling()
 class Corrector:
     """Counts colors over range, fits the water and removes it.
 
-    It holds settings alone; every method may be called from many threads.
+    It only holds settings; every method may be called from many threads.
 
     Args:
         config: Settings; the defaults if not given.
@@ -52,8 +54,8 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """Count the pixels of an image with a known range by channel, range and value.
 
-        A black rim around the picture is left out. Of 800,000 pixels or more every second row is
-        counted (see ``RowSampling``).
+        A black rim around the picture is left out. Of images with 800,000 pixels or more every
+        second row is counted (see ``RowSampling``).
 
         Args:
             image: (H, W, 3) RGB, uint8 or uint16.
@@ -63,7 +65,7 @@ class Corrector:
             The moment table. Tables of frames can be added.
 
         Raises:
-            ColorError: If the two do not belong together.
+            ColorError: If image and range map differ in size or have a wrong shape or type.
         """
         check_pair(image, range_m)
         range_m = without_rim(image, range_m, self.config.encoding)
@@ -82,17 +84,17 @@ class Corrector:
 
         Args:
             table: The moment table.
-            start: The water of a frame of the same scene, to begin from; the method ``paper``
-                returns it where the table does not determine its parameters.
-            until_s: Time of ``time.perf_counter`` after which the method ``paper`` takes no further
-                step.
+            start: The water of a frame of the same scene, as the initial value; the method
+            ``paper`` returns it if the table does not determine its parameters.
+            until_s: Time of ``time.perf_counter`` after which the method ``paper`` makes no further
+            step.
 
         Returns:
-            The water; its warnings say where the table does not determine it.
+            The water; its warnings state what the table does not determine.
 
         Raises:
             ColorError: For a table without pixels, unless there is a start.
-            PluginError: For a method that no installed package adds.
+            PluginError: If no installed package has this method.
         """
         if not table.pixels.any():
             if start is None:
@@ -144,10 +146,10 @@ class Corrector:
         """The fitter for the frames of a dive, by ``color.lock``.
 
         Args:
-            light: The light that was divided out of the frames; it also tells how light falls off
-                with range.
-            linked: Names of frames that show the same spots as the frame before them, and so share
-                its water.
+            light: The light by which the frames were divided; it also contains the fall-off of
+            light with range.
+            linked: Names of frames that show the same spots as the frame before them, and therefore
+            share its water.
 
         Returns:
             The fitter, to which the moment tables of the frames are added in order.
@@ -181,9 +183,9 @@ class Corrector:
             image: As in ``measure``.
             range_m: As in ``measure``.
             water: The water to remove.
-            table: The image's moment table, if it has been counted.
-            exposure: Brightness, as in another correction; None: the water's, or else this frame's
-                own, by ``config.highlights`` and ``config.median_luminance``.
+            table: The moment table of the image, if it exists already.
+            exposure: Gain, as in another correction; None = that of the water, or else of this
+            frame, by ``config.highlights`` and ``config.median_luminance``.
             highlights: Roll-off that belongs to ``exposure``.
 
         Returns:
@@ -209,7 +211,7 @@ class Corrector:
         Args:
             image: As in ``measure``.
             range_m: As in ``measure``.
-            seen: (H, W) bool, where the image shows something; None = everywhere.
+            seen: (H, W) bool, True where the image contains image data; None = everywhere.
 
         Returns:
             (H, W) float32, meters along the ray.

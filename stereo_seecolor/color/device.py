@@ -1,4 +1,4 @@
-"""Where torch runs, and on how many threads."""
+"""Device and number of threads of torch."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +23,9 @@ def find_device(name: str) -> torch.device:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for torch in this block: a fit's tensors are small, and waiting threads spin."""
+    """Use one thread in torch in this block: the tensors of a fit are small, and waiting threads
+    spin.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -27,12 +27,16 @@ def fit(
 ) -> Water:
     """Fit the water of an image, or one water to all images of a batch.
 
-    image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16. range_m: (H, W) or (N, H, W) meters along
-    the ray, unknown where not finite or not above 0. config: the method and its settings, with the
-    response of the camera (``color.response.measure.measure_response``; auto is taken as sRGB
-    here). start: a water to begin from.
-    Raises ColorError for other shapes or types, and where no pixel has a known range; DeviceError
-    for CUDA where there is none.
+    Args:
+        image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) or (N, H, W) meters along the ray, unknown where not finite or not above 0.
+        config: The method and its settings, with the response of the camera
+            (``color.response.measure.measure_response``; auto is taken as sRGB here).
+        start: A water to begin from.
+
+    Raises:
+        ColorError: For other shapes or types, and where no pixel has a known range.
+        DeviceError: For CUDA where there is none.
     """
     corrector, images, ranges = _standard(image, range_m, config)
     if len(images) == 1:
@@ -48,12 +52,20 @@ def correct(
 ) -> Correction:
     """Remove the water from an image, or from each image of a batch.
 
-    image, range_m: as in ``fit``. water: from ``fit``, or None to fit it now; a batch shares the
-    water and its exposure.
-    Returns a Correction of arrays or tensors, on the device of ``image``. Its image, unknown and
-    unrecoverable have the batch's first axis, if there is one; clipped_fraction is the mean over
-    the batch. Raises as ``fit``, and ColorError for water parameters that were fitted to another
-    encoding.
+    Args:
+        image: As in ``fit``.
+        range_m: As in ``fit``.
+        water: From ``fit``; None = fit it now. A batch shares the water and its exposure.
+        config: As in ``fit``.
+
+    Returns:
+        A Correction of arrays or tensors, on the device of ``image``. Its image, unknown and
+            unrecoverable have the first axis of the batch, if there is one; clipped_fraction is the
+            mean over the batch.
+
+    Raises:
+        ColorError: As in ``fit``, and for water parameters that were fitted to another encoding.
+        DeviceError: As in ``fit``.
     """
     corrector, images, ranges = _standard(image, range_m, config)
     water = water or fit(image, range_m, config)

@@ -1,4 +1,4 @@
-"""How well the white point of the water is known, and the water parameters with another one."""
+"""The uncertainty of the white point of the water, and a change of the white point."""
 
 from dataclasses import replace
 
@@ -9,19 +9,19 @@ from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import PerChannel, Water
 
 DOUBTED = 0.08
-"""Standard error of red or blue over green beyond which gray may be off by over a degree."""
+"""Standard error of red or blue over green above which gray may be off by more than a degree."""
 DISPLAY_POWER = 2.2
-"""Of linear light over displayed values, about that of sRGB."""
+"""Power of linear light over displayed values, about that of sRGB."""
 DOUBT = "white point: "
-"""Beginning of the line that says so."""
+"""Beginning of the warning."""
 
 
 def white_errors(water: Water) -> NDArray[np.float64]:
-    """(2,) relative standard errors of red and of blue over green of the white point; NaN where
-    they are not known.
+    """Compute (2,) relative standard errors of red and of blue over green of the white point; NaN
+    if unknown.
 
-    Those of water parameters are of the logarithms less their mean. These three sum to 0, so that
-    their variances hold their covariances: Var(r - g) = 2 Var(r) + 2 Var(g) - Var(b).
+    Errors of water parameters are those of the logarithms less their mean. These three sum to 0, so
+    that their variances determine their covariances: Var(r - g) = 2 Var(r) + 2 Var(g) - Var(b).
     """
     red, green, blue = (water.standard_errors.get("white", np.full(3, np.nan)) / water.white) ** 2
     variances = np.array([2 * red + 2 * green - blue, 2 * blue + 2 * green - red])
@@ -29,13 +29,13 @@ def white_errors(water: Water) -> NDArray[np.float64]:
 
 
 def gray_error_deg(water: Water) -> float:
-    """Standard error of displayed gray, degrees from (1, 1, 1); NaN where it is not known."""
+    """Compute the standard error of displayed gray, degrees from (1, 1, 1); NaN if unknown."""
     logs = water.standard_errors.get("white", np.full(3, np.nan)) / water.white
     return float(np.degrees(np.linalg.norm(logs) / np.sqrt(3) / DISPLAY_POWER))
 
 
 def white_doubt(water: Water) -> str:
-    """A line on how uncertain the white point is, and what settles it; "" where it is certain."""
+    """Return a warning about an uncertain white point, with what to do; "" if it is certain."""
     red, blue = errors = white_errors(water)
     if not (errors > DOUBTED).any():
         return ""
@@ -48,10 +48,16 @@ def white_doubt(water: Water) -> str:
 
 
 def with_white(water: Water, white: PerChannel, error: PerChannel) -> Water:
-    """The water with a white point of another color, at its own level and as bright; other
-    parameters do not change.
+    """Change the color of the white point of a water, not its level; other parameters do not
+    change.
 
-    white: (3,) of any level. error: (3,) standard errors of its logarithms less their mean.
+    Args:
+        water: The water.
+        white: (3,) R, G, B, of any level.
+        error: (3,) standard errors of its logarithms less their mean.
+
+    Returns:
+        The water with this white point.
     """
     level = np.exp((np.log(water.white) - np.log(white)).mean())
     brighter = float(LUMINANCE @ (water.white / (level * white)))

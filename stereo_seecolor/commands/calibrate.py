@@ -11,7 +11,7 @@ from calibration.calibrate import calibrate as fit_rig
 from calibration.formats import write_rig
 from calibration.rig import Medium
 from stereo_seecolor.checks.sample import evenly_spaced
-from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import write_atomic

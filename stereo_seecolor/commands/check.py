@@ -7,9 +7,6 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck
-from calibration.field_checks.conventions import settle_matches
-from calibration.field_checks.matches import Matches, rectified_matches
-from calibration.field_checks.vertical_disparity import LIMITS
 from calibration.formats import write_rig
 from calibration.port import FlatPort
 from calibration.port_errors import port_error
@@ -17,12 +14,15 @@ from calibration.rectification import raw_points
 from calibration.refine import refine_matches
 from calibration.refinement import Refinement
 from calibration.suspicions import suspicions
+from calibration.verification.conventions import settle_matches
+from calibration.verification.matches import Matches, rectified_matches
+from calibration.verification.vertical_disparity import LIMITS
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import judge_rig, matches_of
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import DiveVerdict, verdict_of
-from stereo_seecolor.commands.dive_rig import load_unsettled, pairs_of
+from stereo_seecolor.commands.rig_loading import load_unsettled, pairs_of
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts

@@ -43,14 +43,14 @@ def describe_frames(folder: RunFolder) -> None:
             if product in PICTURES
         }
         changed = {
-            path: located(content, gps_tags(point, made.origin)) for path, content in files.items()
+            path: with_gps(content, gps_tags(point, made.origin)) for path, content in files.items()
         }
         folder.frames.rewrite(
             record, {path: content for path, content in changed.items() if content != files[path]}
         )
 
 
-def located(content: bytes, gps: dict[int, object]) -> bytes:
+def with_gps(content: bytes, gps: dict[int, object]) -> bytes:
     """The content of an image file with these GPS tags in place of its own."""
     exif, block = Image.Exif(), exif_block(content)
     if block:

@@ -186,11 +186,11 @@ def _cuda() -> Finding:
     return Finding("CUDA", True, "none; everything runs on the processor")
 
 
-def with_system_libraries(found: Finding) -> Finding:
+def with_system_libraries(finding: Finding) -> Finding:
     """The finding; where Open3D is installed but lacks libraries of the system, with the command
     that installs them.
     """
-    if found.ok or found.detail == "not installed" or not found.what.startswith("open3d"):
-        return found
+    if finding.ok or finding.detail == "not installed" or not finding.what.startswith("open3d"):
+        return finding
     fix = SYSTEM_LIBRARIES if getattr(os, "geteuid", int)() == 0 else f"sudo {SYSTEM_LIBRARIES}"
-    return replace(found, fix=fix if sys.platform.startswith("linux") else "")
+    return replace(finding, fix=fix if sys.platform.startswith("linux") else "")

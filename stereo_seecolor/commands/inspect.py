@@ -205,10 +205,15 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
         )
 
 
-def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageFacts) -> None:
-    for side, image, camera in (("left", left, found.rig.left), ("right", right, found.rig.right)):
+def _refuse_wrong_sizes(calibration: FoundCalibration, left: ImageFacts, right: ImageFacts) -> None:
+    for side, image, camera in (
+        ("left", left, calibration.rig.left),
+        ("right", right, calibration.rig.right),
+    ):
         if image.size != camera.image_size:
-            raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
+            raise CalibrationError(
+                wrong_size(side, image.size, camera.image_size, str(calibration.path))
+            )
 
 
 def _wrong_ranges(sides: Sides, tested: Tested) -> frozenset[Numbers]:
@@ -233,7 +238,7 @@ def _doubtful(sides: Sides, tested: Tested) -> bool:
 
 
 def command_line(
-    sides: Sides, found: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED
+    sides: Sides, calibrations: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED
 ) -> str:
     """The ``run`` command for the files found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand
     for missing ones.
@@ -242,7 +247,9 @@ def command_line(
     of range.
     """
     rows = tested.rows
-    calib = "CALIBRATION" if not found or (rows and rows.refusal) else str(found[0].path)
+    calib = (
+        "CALIBRATION" if not calibrations or (rows and rows.refusal) else str(calibrations[0].path)
+    )
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
     if _doubtful(sides, tested):
         first, second = Path("LEFT"), Path("RIGHT")
@@ -342,12 +349,12 @@ def _exposure_recorded(pair: Pair, config: RunConfig) -> bool:
 
 
 def _missing_calibration(
-    places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]
+    places: Sequence[Path], calibrations: Sequence[FoundCalibration], size: tuple[int, int]
 ) -> tuple[str, ...]:
-    """Where no calibration was found: why files that look like one were refused, or how to make
-    one.
+    """Where no calibration was found: why files that look like one were refused, or how to
+    make one.
     """
-    if found:
+    if calibrations:
         return ()
     refused = refused_calibrations(places, size)
     return refused or (
@@ -356,12 +363,14 @@ def _missing_calibration(
     )
 
 
-def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) -> tuple[str, ...]:
+def _problems_of_calibration(
+    calibrations: Sequence[FoundCalibration], tested: Tested
+) -> tuple[str, ...]:
     """A line on each problem of the calibrations found, and of the one that was tested."""
     problems = []
-    if len(found) > 1:
-        names = ", ".join(one.path.name for one in found[:5])
-        problems.append(f"{len(found)} calibrations were found, the first was used: {names}")
+    if len(calibrations) > 1:
+        names = ", ".join(one.path.name for one in calibrations[:5])
+        problems.append(f"{len(calibrations)} calibrations were found, the first was used: {names}")
     if tested.facts:
         problems += tested.facts.suspicions
         if tested.mistake:

@@ -9,11 +9,11 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck
-from calibration.field_checks.conventions import resolve_convention
-from calibration.field_checks.mistakes import FoundMistake
-from calibration.field_checks.quick_check import quick_check
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
+from calibration.verification.conventions import resolve_convention
+from calibration.verification.mistakes import FoundMistake
+from calibration.verification.quick_check import quick_check
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.range_limits import RangeLimits, range_limits
 from stereo_seecolor.checks.rig import judge_rig, matches_of
@@ -84,12 +84,12 @@ NOTHING_TESTED = Tested()
 
 
 def tested_calibration(
-    found: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig
+    calibration: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig
 ) -> Tested:
     """Test a calibration on sample pairs: one scene, rows, mistakes, limits of range; and measure
     pairs unless it is unusable.
     """
-    rig = _settled_rig(found.rig, sample[:DECIDING_PAIRS], config)
+    rig = _settled_rig(calibration.rig, sample[:DECIDING_PAIRS], config)
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
     rectification = Rectification.from_rig(rig)
@@ -103,7 +103,7 @@ def tested_calibration(
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
     facts = CalibrationFacts(
-        found.path, found.format, rig_facts(rig), vertical, rows, suspicions(rig)
+        calibration.path, calibration.format, rig_facts(rig), vertical, rows, suspicions(rig)
     )
     unrelated = rows is None and mistake is None and any(_have_texture(fitting, config))
     if not fitting or unrelated or mistake or (rows and (rows.swapped or rows.refusal)):

@@ -13,9 +13,9 @@ from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.dive import RANGED_CHECKS
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.verdict import verdict_of
-from stereo_seecolor.commands.reported_run import folder_request, reported, stereo_run
+from stereo_seecolor.commands.run_session import folder_request, run_session, stereo_run
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
-from stereo_seecolor.compute.process import one_thread_in_products
+from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
@@ -220,7 +220,7 @@ def correct(
         [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)],
     )
     with RunFolder(out, folder_request(owner, config, options, read)) as folder:
-        with reported(
+        with run_session(
             RangedImages(config, geometry_of_ranges(ranges)),
             pairing,
             inputs,
@@ -270,7 +270,7 @@ def rectify(
     ) as folder:
         opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pipeline = opened.pipeline
-        with reported(
+        with run_session(
             pipeline, opened.pairing, inputs.names, folder, options, "rectified", ["rectified"]
         ) as run:
             folder.dive.begin({"rectified": pipeline.settings})

@@ -12,9 +12,9 @@ from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, verdict_of
-from stereo_seecolor.commands.dive_rig import load_rig_for
-from stereo_seecolor.commands.refined_rig import DiveRefinement
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.commands.rig_loading import load_rig_for
+from stereo_seecolor.commands.rig_refinement import DiveRefinement
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError

@@ -13,10 +13,8 @@ from pathlib import Path
 
 MOST_WAITING = 2
 """Most pieces of work that wait or are under way: the caller waits before it adds another."""
-
 MOST_FLUSHED = 8
 """Most files that are flushed to a disk at the same time."""
-
 NICE = 10
 """Steps of priority below the main thread, whose work is urgent."""
 
@@ -107,24 +105,3 @@ def pin(most: int) -> tuple[int, ...]:
         with suppress(OSError):
             os.sched_setaffinity(int(thread.name), chosen)
     return tuple(chosen)
-
-
-# Calls a function at intervals, in a thread of its own.
-
-
-@contextmanager
-def heartbeat(beat: Callable[[], bool], every_s: float) -> Iterator[None]:
-    """Call ``beat`` every ``every_s`` seconds while the block runs, until it returns False."""
-    ended = threading.Event()
-
-    def run() -> None:
-        while not ended.wait(every_s) and beat():
-            pass
-
-    thread = threading.Thread(target=run, name="heartbeat", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()

@@ -115,35 +115,35 @@ class DeviceMatcher(Matcher):
         ), float(np.isfinite(coarse).mean())
 
     def _kept(
-        self, found: sgm.FoundDisparities, no_match: NDArray[np.bool_]
+        self, matched: sgm.FoundDisparities, no_match: NDArray[np.bool_]
     ) -> sgm.FoundDisparities:
         """What was found without what cannot be matched, speckles, and what the camera does not
         see.
         """
-        height, width = found.disparity.shape
-        forgotten = torch.from_numpy(no_match).to(found.disparity.device)
+        height, width = matched.disparity.shape
+        forgotten = torch.from_numpy(no_match).to(matched.disparity.device)
         forgotten = forgotten.repeat_interleave(self._scale, 0).repeat_interleave(self._scale, 1)[
             :height, :width
         ]
         disparity = remove_speckles(
-            found.disparity.masked_fill(forgotten, torch.nan), CONSTANTS.speckle_px
+            matched.disparity.masked_fill(forgotten, torch.nan), CONSTANTS.speckle_px
         )
-        best = found.best.masked_fill(forgotten, torch.nan)
+        best = matched.best.masked_fill(forgotten, torch.nan)
         if self._seen is None:
-            return found._replace(disparity=disparity, best=best)
-        return found._replace(
+            return matched._replace(disparity=disparity, best=best)
+        return matched._replace(
             disparity=disparity.where(self._seen, torch.nan), best=best.where(self._seen, torch.nan)
         )
 
-    def ranges(self, found: sgm.FoundDisparities, left: Tensor, right: Tensor) -> DeviceRanges:
+    def ranges(self, matched: sgm.FoundDisparities, left: Tensor, right: Tensor) -> DeviceRanges:
         """Refine disparities, judge and triangulate them, as ``Matcher.range_map``."""
         refined, around = (
-            refine(left, right, found.disparity, found.best),
-            surroundings(found.disparity, found.best, left),
+            refine(left, right, matched.disparity, matched.best),
+            surroundings(matched.disparity, matched.best, left),
         )
-        odds = log_odds(found.uniqueness, refined, around)
+        odds = log_odds(matched.uniqueness, refined, around)
         least = self._config.min_confidence
-        fat = fattening(found.best, left, around, odds, least_odds(least))
+        fat = fattening(matched.best, left, around, odds, least_odds(least))
         disparity, confidence = judge(odds, fat, refined.disparity, least)
         filled = torch.zeros_like(disparity, dtype=torch.bool)
         if self._config.fill:

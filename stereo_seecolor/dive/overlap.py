@@ -48,10 +48,10 @@ class OverlapSettings:
     loops: int = 3
     """Frames farther back that each frame is compared with too, the nearest of those that by the
     chain of poses show the same: another line of the survey, other altitudes. Along one line a
-    slope of the pattern and a drift of the gains look alike: on a drawn night dive 4.2 % of pattern
-    and 10 % between frames are left without loops, 1.9 and 3.1 % with them. More leave no less:
-    eight left 0.5 and 1.0 % of a drawn night of four lines, three 0.35 and 0.7 %; by day both 1.2
-    and 1.9 %. Each takes 7 ms.
+    slope of the pattern and a drift of the gains look alike: on a synthetic night dive 4.2 % of
+    pattern and 10 % between frames are left without loops, 1.9 and 3.1 % with them. More leave no
+    less: eight left 0.5 and 1.0 % of a synthetic night of four lines, three 0.35 and 0.7 %; by day
+    both 1.2 and 1.9 %. Each takes 7 ms.
     """
     loop_reach: float = 1.0
     """Distance of the middles of two pictures, in widths of what they show, up to which they may

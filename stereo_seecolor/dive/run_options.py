@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from stereo_seecolor.compute.interface import WHOLE, Compute, Shard
-from stereo_seecolor.compute.process import at_once
+from stereo_seecolor.compute.free_memory import at_once
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.progress import Listener, LoggingListener
 

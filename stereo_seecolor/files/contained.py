@@ -36,7 +36,7 @@ def open_containers(containers: Mapping[Path, Container]) -> None:
     _containers.update(containers)
 
 
-def contained(path: Path) -> ContainedFile | None:
+def find_contained(path: Path) -> ContainedFile | None:
     """Find the contained file that ``path`` names; None for a path of the disk."""
     if not _containers:
         return None

@@ -26,14 +26,14 @@ def csv_text(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
 def _cell(value: Any) -> Any:
     if isinstance(value, float):
         return f"{value:.6g}" if math.isfinite(value) else ""
-    return guarded(value)
+    return guard_formula(value)
 
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""How a text begins that a spreadsheet would run, or that ``guarded`` made."""
+"""How a text begins that a spreadsheet would run, or that ``guard_formula`` made."""
 
 
-def guarded(cell: Any) -> Any:
+def guard_formula(cell: Any) -> Any:
     """A cell that a spreadsheet shows and does not run: an apostrophe before a text that begins as
     a formula does. Numbers stay; the readers of this file take it off again.
     """

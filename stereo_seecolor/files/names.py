@@ -86,9 +86,8 @@ def folder_keys(name: str) -> list[str]:
     return [f"{folder}_{path.stem}" for folder in dict.fromkeys(path.parts[:-1])]
 
 
-# The form of a line of the log, by which a file is known as a log of this program.
-
 FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+"""Form of a line of the log, by which ``is_log`` recognizes a file as a log of this program."""
 _LINE = re.compile(
     rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ (stereo_seecolor|calibration)[.:]"
 )

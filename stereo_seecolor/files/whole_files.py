@@ -6,14 +6,14 @@ import stat
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import contained
+from stereo_seecolor.files.contained import find_contained
 
 
 def read_bytes(path: Path) -> bytes:
     """The content of a regular file, or of one in a bag. Raises InputError if it is missing, or a
     named pipe, say.
     """
-    if inner := contained(path):
+    if inner := find_contained(path):
         return inner.read()
     try:
         if kind := special_kind(path):

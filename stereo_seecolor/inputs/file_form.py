@@ -62,17 +62,17 @@ def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputCon
     return config.model_copy(update=update)
 
 
-def stored_notes(given: InputConfig, found: InputConfig) -> tuple[str, ...]:
+def stored_notes(given: InputConfig, config: InputConfig) -> tuple[str, ...]:
     """Report the settings that were found."""
     notes = []
-    if found.bayer != given.bayer and found.bayer != "none":
+    if config.bayer != given.bayer and config.bayer != "none":
         notes.append(
-            f"input: raw images with a color filter pattern, read as {found.bayer}, assuming "
+            f"input: raw images with a color filter pattern, read as {config.bayer}, assuming "
             "that red is darker than blue: if the colors are exchanged, set input.bayer"
         )
-    if found.significant_bits != given.significant_bits and found.significant_bits is not None:
+    if config.significant_bits != given.significant_bits and config.significant_bits is not None:
         notes.append(
-            f"input: the 16-bit images hold {found.significant_bits} bits, which are scaled to 16"
+            f"input: the 16-bit images hold {config.significant_bits} bits, which are scaled to 16"
         )
     return tuple(notes)
 

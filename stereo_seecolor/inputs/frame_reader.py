@@ -4,7 +4,7 @@ from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import contained
+from stereo_seecolor.files.contained import find_contained
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.exposure_table import ExposureTable
@@ -51,7 +51,7 @@ class FrameReader:
         """Read what the camera recorded beside the pixels of one image. Raises InputError if it
         cannot be read.
         """
-        is_raw = path.suffix == RAW_SUFFIX and contained(path)
+        is_raw = path.suffix == RAW_SUFFIX and find_contained(path)
         return self._captured(path, b"" if is_raw else read_image_bytes(path))
 
     def _captured(self, path: Path, content: bytes) -> Capture:

@@ -4,7 +4,7 @@ alone, in any process.
 
 from pathlib import Path
 
-from stereo_seecolor.files.contained import Container, contained, open_containers
+from stereo_seecolor.files.contained import Container, find_contained, open_containers
 from stereo_seecolor.inputs.halves import Halves, is_half
 from stereo_seecolor.inputs.video_frames import VideoImages, is_video
 from stereo_seecolor.plugins import added, load
@@ -14,7 +14,7 @@ def open_around(path: Path) -> None:
     """Open the video, bag or image that ``path`` leads into, if it leads into one. Raises
     InputError, DeviceError.
     """
-    if contained(path):
+    if find_contained(path):
         return
     if is_half(path):
         image = path.parent.parent

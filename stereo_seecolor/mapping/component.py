@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
 
 NEAR_M = 1000.0
@@ -49,7 +49,7 @@ class Component:
 
     def points_m(self, frame: int) -> NDArray[np.float64]:
         """The coarse points of a frame in local coordinates: (n, 3)."""
-        return transformed(self.T_local_camera[frame], self.survey.index.points_m[frame])
+        return transform_points(self.T_local_camera[frame], self.survey.index.points_m[frame])
 
     @cached_property
     def reach_m(self) -> float:

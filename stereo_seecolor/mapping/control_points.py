@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import rigid_alignment, transformed
+from stereo_seecolor.geometry import rigid_alignment, transform_points
 from stereo_seecolor.mapping.marker_tables import USUAL_STD_M
 from stereo_seecolor.mapping.placed_markers import PlacedMarker
 
@@ -82,7 +82,7 @@ def control_fit(
             "about it: give a marker beside the line"
         )
     T = rigid_alignment(here, there)
-    off = np.linalg.norm(transformed(T, here) - there, axis=1)
+    off = np.linalg.norm(transform_points(T, here) - there, axis=1)
     residuals = {marker.number: float(value) for marker, value in zip(found, off, strict=True)}
     stds = [
         np.hypot((stds_m or {}).get(m.number, USUAL_STD_M), m.residual_m / np.sqrt(m.views))
@@ -96,21 +96,21 @@ def control_fit(
     return ControlFit(T, residuals, float(np.sqrt((off**2).mean())), doubt)
 
 
-def _doubt(here: Array, there: Array, found: Sequence[PlacedMarker], stds_m: Array) -> str:
+def _doubt(here: Array, there: Array, markers: Sequence[PlacedMarker], stds_m: Array) -> str:
     """Which place is off, where the others fit without it; else the worst residual."""
-    off = np.linalg.norm(transformed(rigid_alignment(here, there), here) - there, axis=1)
-    for i in np.argsort(-off) if len(found) > FEWEST else ():
-        others = np.arange(len(found)) != i
+    off = np.linalg.norm(transform_points(rigid_alignment(here, there), here) - there, axis=1)
+    for i in np.argsort(-off) if len(markers) > FEWEST else ():
+        others = np.arange(len(markers)) != i
         T = rigid_alignment(here[others], there[others])
-        left = np.linalg.norm(transformed(T, here) - there, axis=1)
+        left = np.linalg.norm(transform_points(T, here) - there, axis=1)
         if (
             left[others].max() < max(EXPLAINED * off.max(), BEYOND_SIGMAS * stds_m.max())
             and left[i] > BEYOND_SIGMAS * stds_m[i]
         ):
             return (
-                f"marker {found[i].number} lies {left[i]:.3f} m from its position according to "
+                f"marker {markers[i].number} lies {left[i]:.3f} m from its position according to "
                 "the others: is its given position correct?"
             )
     worst = int(np.argmax(off / stds_m))
     beyond = f"{off[worst]:.3f} m off, {off[worst] / stds_m[worst]:.0f} standard errors"
-    return f"marker {found[worst].number} lies {beyond}: are all given positions correct?"
+    return f"marker {markers[worst].number} lies {beyond}: are all given positions correct?"

@@ -9,7 +9,7 @@ import numpy as np
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
-from stereo_seecolor.files.csv_tables import guarded
+from stereo_seecolor.files.csv_tables import guard_formula
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.placing import PlacedSurvey
@@ -48,7 +48,7 @@ def write_poses(path: Path, component: Component, placed: PlacedSurvey) -> Path:
             position = component.T_local_camera[i, :3, 3] + component.offset_m
             values = (index.timestamps_s[i], *position, *(column[i] for column in columns.values()))
             numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in values]
-            writer.writerow([guarded(index.names[i]), *numbers])
+            writer.writerow([guard_formula(index.names[i]), *numbers])
     return path
 
 

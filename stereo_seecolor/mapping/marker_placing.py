@@ -26,7 +26,7 @@ class PlacingSettings:
     fewest_px: int = 60  # with a range on it
     covered: float = 0.3  # of its pixels: else the plane hangs on an edge
     rounds: int = 4  # of the robust fit
-    corner_px: float = 0.05  # standard error of a corner in the image (drawn: 0.03)
+    corner_px: float = 0.05  # standard error of a corner in the image (synthetic: 0.03)
     alike_px: float = 40.0  # pixels that share one error of the disparity: a window of matching
     # standard error of a disparity that was averaged: what rectification leaves
     least_px: float = 0.02

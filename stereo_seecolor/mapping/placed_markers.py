@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def placed_markers(
 
 def _marker(number: int, observations: list[PlacedSighting], T: dict[str, Array]) -> PlacedMarker:
     middles = np.array(
-        [transformed(T[each.frame], each.corners_m).mean(axis=0) for each in observations]
+        [transform_points(T[each.frame], each.corners_m).mean(axis=0) for each in observations]
     )
     place = np.median(middles, axis=0)
     edges = np.array([each.edges_m.mean() for each in observations])

@@ -25,7 +25,7 @@ from stereo_seecolor.mapping.navigation.upright import upright
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.fiducials import Marks
-from stereo_seecolor.mapping.track.marker_fit import MarkersFit, fitted_to_fiducials
+from stereo_seecolor.mapping.track.marker_fit import MarkersFit, fit_to_fiducials
 from stereo_seecolor.mapping.track.placement_refinement import refined
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
@@ -299,4 +299,4 @@ def _to_fiducials(
     """Constrain a track by what is known of markers."""
     if not config.markers.known or not pose_graph.available():
         return placement, None
-    return fitted_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)
+    return fit_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)

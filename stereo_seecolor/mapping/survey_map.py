@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.process import one_thread_in_products
+from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.threads import Threads, in_background
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError

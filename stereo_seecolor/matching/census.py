@@ -1,8 +1,8 @@
 """The census transform: for each pixel, which of its neighbors are darker (Zabih and Woodfill
 1994).
 
-It is blind to exposure, gain and backscatter, which add to and scale a pixel and its neighbors
-alike.
+It does not depend on exposure, gain and backscatter, which change a pixel and its neighbors
+equally.
 """
 
 from typing import Any
@@ -26,8 +26,8 @@ PATTERN = np.array(
     ]
     + [(0, 1), (0, -1), (1, 0), (-1, 0)]
 )
-"""Every other pixel of a window of 7 x 7, and the four neighbors: half the work of all 48, as good
-on the synthetic reef.
+"""Every other pixel of a window of 7 x 7, and the four neighbors: half the work of all 48, with the
+same errors on the synthetic reef.
 """
 
 

@@ -14,12 +14,12 @@ from stereo_seecolor.records import Map
 
 @dataclass(frozen=True)
 class ContextConstants:
-    """Found on synthetic scenes and on half of a real dive.
+    """Chosen on synthetic scenes and on half of a real dive.
 
-    every: pixels from one sample to the next; samples of every pixel say no more.
-    window: side of the neighborhood that is judged as a whole, samples: 28 pixels, a branching
-    coral rather than a branch.
-    roughest_px: departures beyond this are edges or mismatches, and count alike.
+    every: pixels from one sample to the next; denser samples do not improve the confidence.
+    window: side of the neighborhood, samples: 28 pixels, the size of a branching coral, not of a
+    branch.
+    roughest_px: larger deviations are edges or mismatches; they count as this.
     """
 
     every: int = 4
@@ -36,8 +36,8 @@ class Context:
 
     known: fraction of the neighborhood that passed the checks.
     roughness: mean |disparity - mean of 3 x 3| of the samples in the neighborhood, pixels.
-    disparity: pixels, checked or not, inf where nothing was found. farthest: the least of these
-    among 5 x 5 samples.
+    disparity: pixels, with or without passed checks, inf where there is none. farthest: the minimum
+    over 5 x 5 samples.
     levels: gray, 0..255.
     """
 
@@ -48,11 +48,11 @@ class Context:
     levels: Map
 
     @classmethod
-    def of(cls, found: MatchedDisparity, left: Gray) -> "Context":
+    def of(cls, matched: MatchedDisparity, left: Gray) -> "Context":
         """Sample the matched disparities of the left image."""
         best, checked = (
-            _samples(found.best),
-            np.isfinite(_samples(found.disparity)).astype(np.float32),
+            _samples(matched.best),
+            np.isfinite(_samples(matched.disparity)).astype(np.float32),
         )
         disparity = np.where(np.isnan(best), np.float32(np.inf), best)
         window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window
@@ -102,7 +102,7 @@ class ConfidenceWeights:
     least_relief_px)
     + known * k + roughness * log(q + least_relief_px) + fattening * g + offset.
 
-    Fitted to half of a real reef dive, whose views check each other, and to drawn cards and
+    Fitted to half of a real reef dive, whose views check each other, and to synthetic cards and
     boulders in clear to hazy water; docs/matching.md shows it on others.
     """
 
@@ -118,9 +118,9 @@ class ConfidenceWeights:
 
 WEIGHTS = ConfidenceWeights()
 BORDER_PX = 0.5
-"""Disparities that meet the right image nearer than this to its left or right end are not believed,
-pixels: what lies just outside it is often matched with its outermost column (on a drawn plane nine
-of ten of the wrong pixels there).
+"""Disparities whose match lies closer than this to the left or right end of the right image are
+rejected, pixels: points just outside the image are often matched with its outermost column (nine of
+ten of the wrong pixels there, on a synthetic plane).
 """
 _LOG_2 = float(np.log(2))
 _UNIQUENESS, _SUPPORT, _RELIEF = (
@@ -132,8 +132,8 @@ _FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
 
 
 def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
-    """Compute what the surroundings of each pixel add to its log odds (base 2): (H, W) float32 of
-    an image of that shape.
+    """Compute the contribution of the surroundings of each pixel to its log odds (base 2): (H, W)
+    float32 for an image of that shape.
     """
     rough = np.log(context.roughness + np.float32(WEIGHTS.least_relief_px))
     odds = (WEIGHTS.known * context.known + WEIGHTS.roughness * rough + WEIGHTS.offset) / _LOG_2
@@ -149,10 +149,10 @@ def least_odds(least: float) -> float:
 
 @compiled
 def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
-    """Write the log odds (base 2) that |disparity error| <= 1 px, before fattening is taken into
-    account, of pixels known or not.
+    """Write the log odds (base 2) that |disparity error| <= 1 px, without fattening, of all pixels,
+    with or without passed checks.
 
-    evidence: uniqueness, as the search gave it; support and relief, of refine_rows; surroundings.
+    evidence: uniqueness of the search; support and relief of refine_rows; surroundings.
     """
     uniqueness, support, relief, around = evidence
     one, least_relief = np.float32(1), np.float32(_LEAST_RELIEF)

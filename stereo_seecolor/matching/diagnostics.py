@@ -19,27 +19,28 @@ FULL_SCALE = 65280
 
 @dataclass(frozen=True)
 class DiagnosticsConstants:
-    """Gray levels are of FULL_SCALE. All were set on the synthetic reef and on real frames spoilt
-    on purpose.
+    """Gray levels are relative to FULL_SCALE. All were chosen on the synthetic reef and on real
+    frames that were degraded on purpose.
 
-    black, saturated: the brightest hundredth of a black image is darker, half of a saturated image
-    is brighter.
+    black, saturated: an image is black if its brightest hundredth is darker, saturated if half of
+    it is brighter.
     texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit
-    level, which is rounding alone.
-    blank, blank_px: a black frame has less contrast than this (rounding alone) in windows of so
-    many pixels of the reduced image, and is darker than blank_level, as that of a JPEG may be.
-    rim_px: its edge, which lies at the same place in both images whatever the range, is left out
-    with it: to half of this less half of blank_px.
-    window: rows and columns of a window, pixels of the reduced image, in which texture may repeat
-    itself.
-    repeated_similarity: second peak of the autocorrelation over the first, from which on any of
-    them would match.
+    level, the effect of rounding.
+    blank, blank_px: a black frame has less contrast than blank (the effect of rounding) in windows
+    of blank_px of the reduced image, and is darker than blank_level, the level of a black frame in
+    JPEG.
+    rim_px: the edge of a black frame lies at the same place in both images at any range, so this
+    margin (half of it less half of blank_px) is left out, too.
+    window: rows and columns of a window in which texture may repeat, pixels of the reduced image.
+    repeated_similarity: least ratio of the second peak of the autocorrelation to the first at which
+    matches are ambiguous.
     repeated, one_sided: fractions of the image above which there is a warning.
-    excess_px: how much longer than an occlusion a hole in a row must be to be something that the
-    right image lacks.
-    vertical_gain: rows shifted must agree better than unshifted ones by this fraction to count;
-    unshifted ones than some others.
-    vertical_search_px, vertical_px: shifts of rows that are tried, and the least that is warned of.
+    excess_px: least excess of a hole in a row over the length of an occlusion for an object that
+    the right image lacks.
+    vertical_gain: fraction by which the cost of shifted rows must be lower than that of unshifted
+    rows; unshifted rows must have a lower cost than some other shifts.
+    vertical_search_px, vertical_px: largest shift of rows that is tested, and the least that causes
+    a warning.
     """
 
     black: float = 0.02 * FULL_SCALE
@@ -78,8 +79,8 @@ def unusable(left: Gray, right: Gray) -> str | None:
 
 
 def blank(image: Gray) -> NDArray[np.bool_]:
-    """Mark the pixels of a reduced image that are black and even: a frame around the picture, the
-    corners of a round or an undistorted one, shadows cut off at black. (H, W) bool.
+    """Mark the pixels of a reduced image that are black and uniform: a frame around the picture,
+    the corners of a round or an undistorted image, shadows clipped to black. (H, W) bool.
     """
     around = np.ones((DIAGNOSTICS_CONSTANTS.blank_px, DIAGNOSTICS_CONSTANTS.blank_px), np.uint8)
     most, least = cv2.dilate(image, around), cv2.erode(image, around)
@@ -128,7 +129,7 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
 
 
 def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
-    """Warn if a good part of the image repeats itself; None if not."""
+    """Return a warning if a large part of the image repeats itself, else None."""
     fraction = float(repeated.mean())
     if fraction < DIAGNOSTICS_CONSTANTS.repeated:
         return None
@@ -141,11 +142,11 @@ def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
 def one_sided_warning(
     left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int
 ) -> str | None:
-    """Warn if the left image shows something textured that the right one lacks: a fish, or a lens
-    half covered; None if not.
+    """Return a warning if the left image shows a textured object that the right one lacks (a fish,
+    a partly covered lens), else None.
 
-    left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A
-    hole in a row as long as the disparity jumps up across it is an occlusion; a longer one is not.
+    left, disparity: at reduced size; disparities in pixels of the full size, ``scale`` times this
+    one. A hole in a row is an occlusion if it is as long as the jump of disparity across it.
     """
     unmatched = _long_holes(disparity, scale)
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
@@ -183,7 +184,7 @@ def _long_holes(disparity: Map, scale: int) -> NDArray[np.uint8]:
 
 
 def vertical_disparity_warning(vertical_px: float) -> str | None:
-    """Warn if the same point lies on different rows of the two images; None if not."""
+    """Return a warning if the same point lies on different rows of the two images, else None."""
     if not abs(vertical_px) >= DIAGNOSTICS_CONSTANTS.vertical_px:
         return None
     return (
@@ -201,8 +202,8 @@ def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
 
 
 def vertical_px_of(cost: NDArray[np.float64]) -> float:
-    """The shift of rows, pixels, with the least of the costs of shifts -most..most; NaN where none
-    stands out.
+    """Return the shift of rows, pixels, with the least of the costs of shifts -most..most; NaN if
+    no minimum is clear.
     """
     best, most = int(np.argmin(cost)), len(cost) // 2
     compared = cost.max() if best == most else cost[most]

@@ -15,15 +15,15 @@ UNKNOWN = np.float32(np.nan)
 class MatchedDisparity:
     """Disparities of the left image of a pair.
 
-    disparity: (H, W) float32 pixels, x_left - x_right, NaN where nothing was found that passes the
-    engine's checks.
+    disparity: (H, W) float32 pixels, x_left - x_right, NaN where no disparity passes the engine's
+    checks.
 
-    best: (H, W) the same, but also where the checks failed; NaN where nothing was found at all. The
-    same array for an engine that gives only what it checked.
-    uniqueness: (H, W) how much worse the best disparity beyond +-1 px is, as a fraction of P2;
-    large where no other fits.
-    reduced_fraction: of the pixels at reduced size, those that passed the checks; 0 for an engine
-    that does not look there.
+    best: (H, W) the same, also where checks failed; NaN without any disparity. The same array as
+    disparity if an engine returns only checked disparities.
+    uniqueness: (H, W) cost of the best disparity more than 1 px away minus the cost of the best, as
+    a fraction of P2; large if no other disparity fits.
+    reduced_fraction: fraction of the pixels at reduced size that passed the checks; 0 for an engine
+    that does not match at reduced size.
     """
 
     disparity: Map
@@ -32,7 +32,7 @@ class MatchedDisparity:
     reduced_fraction: float = 0.0
 
     def forget(self, where: Mask) -> None:
-        """Make unknown, checked or not, where ``where`` (H, W) is True."""
+        """Set all disparities to NaN where ``where`` (H, W) is True."""
         for disparity in (self.disparity, self.best):
             np.copyto(disparity, UNKNOWN, where=where)
 
@@ -47,6 +47,6 @@ class Engine(Protocol):
 
 
 FIXED_UNIQUENESS = 0.5
-"""Uniqueness for engines that give none: the median of well matched pixels of the synthetic
+"""Uniqueness for engines that return none: the median of correctly matched pixels of the synthetic
 reef.
 """

@@ -1,8 +1,8 @@
-"""Foreground fattening: beside an edge of depth, pixels of the far side that were given the
-disparity of the near side.
+"""Foreground fattening: next to a depth edge, pixels of the far surface get the disparity of the
+near surface.
 
-A window that lies partly on a near, textured object matches where that object matches. The pixel's
-own gray then tells: it is that of the far surface beside it, not that of the near one.
+A window that lies partly on a near, textured object matches where that object matches. The gray
+value of the pixel reveals the error: it is that of the far surface next to it.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from stereo_seecolor.records import Map
 class FatteningConstants:
     """Which neighbors a pixel is compared with, and what difference counts.
 
-    reach: samples on each side that are compared with: 10 pixels, beyond what the census and the
-    paths carry over an edge. step_px: a surface whose disparity is smaller by more than this lies
-    behind. same_px: neighbors within this lie on the surface.
-    noise_levels: differences of gray below this, of 255, say nothing. alone_levels: difference from
-    the own surface that is taken where no neighbor lies on it.
+    reach: samples on each side that are compared: 10 pixels, beyond the influence of the census and
+    of the paths across an edge. step_px: a surface whose disparity is smaller by more than this
+    lies behind. same_px: neighbors within this lie on the surface.
+    noise_levels: smaller differences of gray, of 255, are noise. alone_levels: difference from its
+    own surface that is assumed if no neighbor lies on it.
     """
 
     reach: int = 2
@@ -47,8 +47,8 @@ _STEP, _SAME, _NOISE, _ALONE = (
 def fattening(
     images: tuple[Map, Gray], context: Context, rows: slice, odds: Map, least: float
 ) -> Map:
-    """Compute how much more a pixel's gray resembles the surface behind it than its own: (rows, W),
-    0..1; 0 where nothing lies behind.
+    """Compute how much more the gray value of a pixel resembles the surface behind it than its own
+    surface: (rows, W), 0..1; 0 if no surface lies behind.
 
     images: disparity (MatchedDisparity.best) and left image, (H, W). odds: (rows, W); pixels below
     ``least`` are left at 0.

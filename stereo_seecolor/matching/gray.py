@@ -17,12 +17,12 @@ Gray = NDArray[np.uint16]
 """(H, W) uint16 luma, 0..65535; 256 is a gray level of an 8-bit image."""
 
 LARGE_IMAGE_PX = 600_000
-"""Larger images are reduced to a quarter, smaller ones to half; and of larger ones every second
-pixel decides what is a speckle: the filter is not compiled for cores, and patches are larger, too.
+"""Larger images are reduced to a quarter, smaller ones to half. In larger ones speckles are removed
+at every second pixel, because the filter runs on one core, and patches are larger, too.
 """
 SMOOTHING_PX = 0.7
-"""Sigma of the blur before the census, which compares single pixels: without it noise decides the
-comparisons.
+"""Sigma of the blur before the census, which compares single pixels: without it the census encodes
+noise.
 """
 
 

@@ -17,22 +17,22 @@ from stereo_seecolor.records import Image, StereoFrame
 class TextureConstants:
     """Thresholds of texture.
 
-    block: side of a block that is judged as a whole, pixels of the reduced image.
+    block: side of a block, pixels of the reduced image.
 
     least_ratio: of the amplitude at half the reduced size to that at the reduced size. White noise
     0.50 to 0.70; nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom
-    of which a third still matches through haze 0.85 (median).
+    in haze, of which a third still matches, 0.85 (median).
 
     strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a
     pixel.
 
-    least_levels: amplitude at half the reduced size, of 255, below which there is rounding and
-    compression alone: 0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom through haze of
-    which hardly a pixel matches 0.15, one of which most does 0.4.
+    least_levels: amplitude at half the reduced size, of 255, that rounding and compression reach:
+    0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom in haze 0.15 if hardly a pixel
+    matches, 0.4 if most do.
 
     least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in
-    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, drawn open water, even sand and haze
-    0.00 to 0.19.
+    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, synthetic open water, even sand and
+    haze 0.00 to 0.19.
     """
 
     block: int = 32
@@ -46,9 +46,7 @@ CONSTANTS = TextureConstants()
 
 
 def sides_without_texture(frame: StereoFrame) -> tuple[str, ...]:
-    """Name the sides, of "left" and "right", that show too little texture to be matched with
-    anything.
-    """
+    """Name the sides ("left", "right") with too little texture for matching."""
     images = (("left", frame.left), ("right", frame.right))
     return tuple(
         side for side, image in images if textured_fraction(image) < CONSTANTS.least_fraction
@@ -59,8 +57,8 @@ def textured_fraction(image: Image) -> float:
     """Compute the fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show
     texture.
 
-    Averaging 2 x 2 pixels halves white noise and leaves texture. Medians, since drifting particles
-    are few and bright.
+    The mean of 2 x 2 pixels halves white noise and preserves texture. Medians exclude drifting
+    particles, which are few and bright.
     """
     whole = gray(image)
     small = shrink(whole, 4 if whole.size > LARGE_IMAGE_PX else 2)

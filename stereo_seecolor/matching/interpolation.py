@@ -1,4 +1,4 @@
-"""Interpolation of disparities where none was found."""
+"""Interpolation of unknown disparities."""
 
 import cv2
 import numpy as np
@@ -7,18 +7,24 @@ from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
 
 REACH = 0.1
-"""How far from a measured pixel of its row, as a fraction of the width, a pixel may be
-interpolated.
+"""Largest distance of an interpolated pixel from a measured pixel of its row, fraction of the
+width.
 """
 
 
 def fill(disparity: Map) -> Map:
-    """Close the holes of a disparity map (H, W); measured pixels stay as they are, and pixels too
-    far from any measured one stay NaN.
+    """Fill the holes of a disparity map.
 
-    What one camera does not see lies behind, so a hole takes the smaller disparity of its two ends
-    in the row (Hirschmueller 2008, section 2.5), then the median of 5 x 5, which joins the rows.
-    Smoothing across the hole instead (WLS) was worse.
+    A surface that only one camera sees lies behind, so a hole gets the smaller disparity of its two
+    ends in the row (Hirschmueller 2008, section 2.5), then the median of 5 x 5, which connects the
+    rows. Smoothing across the hole (WLS) was worse.
+
+    Args:
+        disparity: (H, W) float32 pixels, NaN = unknown.
+
+    Returns:
+        (H, W) float32; measured pixels do not change, and pixels too far from any measured one stay
+            NaN.
     """
     ends = np.empty_like(disparity)
     _ends(disparity, REACH * disparity.shape[1], ends)

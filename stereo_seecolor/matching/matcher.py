@@ -49,13 +49,13 @@ class Matcher:
     Args:
         pair: The geometry of the rectified images.
         config: Settings.
-        seen_left: (H, W) bool, True where the rectified left image shows something; None where it
-            does everywhere.
+        seen_left: (H, W) bool, True where the rectified left image contains image data; None =
+        everywhere.
 
     Raises:
-        ConfigError: For an engine that lacks a setting.
-        DeviceError: For an engine whose library is missing.
-        PluginError: For an engine that no installed package adds.
+        ConfigError: If a setting of the engine is missing or wrong.
+        DeviceError: If the library of the engine is missing.
+        PluginError: If no installed package has this engine.
     """
 
     def __init__(
@@ -74,7 +74,8 @@ class Matcher:
         if engine == "sgm":
             return SemiGlobalMatching(self._lowest, self._highest)
         if isinstance(engine, Path) or engine == "opencv":
-            from stereo_seecolor.matching.engines import Network, OpenCvMatching
+            from stereo_seecolor.matching.network_engine import Network
+            from stereo_seecolor.matching.opencv_engine import OpenCvMatching
 
             if isinstance(engine, Path):
                 return Network(engine)
@@ -89,27 +90,27 @@ class Matcher:
         return added
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair; it depends on nothing but that pair.
+        """Compute the range map of a rectified pair; it depends only on this pair.
 
         Args:
             frame: The rectified pair, uint8 or uint16 RGB.
 
         Returns:
-            The range map; for a pair that cannot be matched one without a known pixel, and
-            ``warnings`` says why.
+            The range map. If the pair cannot be matched, all pixels are unknown, and ``warnings``
+            states the reason.
         """
         return self.matched(frame)[0]
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """Compute the range map as ``match`` does, and the detail that the images hold.
+        """Compute the range map as ``match`` does, and the detail of the images.
 
         Args:
             frame: The rectified pair.
 
         Returns:
-            The range map, and the fraction of known pixels over that at reduced size: about 1 where
-            the images are sharp, less where full size adds noise alone, 1 where the engine does not
-            match at reduced size.
+            The range map, and the fraction of known pixels over that at reduced size: about 1 for
+            sharp images, less if full size only adds noise, 1 if the engine does not match at
+            reduced size.
         """
         pair = GrayPair.from_frame(frame, self._scale)
         reason = diagnostics.unusable(pair.small_left, pair.small_right)
@@ -155,12 +156,12 @@ class Matcher:
     def range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Turn disparities into a range map, in strips of rows on all cores.
 
-        Speckles are removed, disparities refined to sub-pixels, the confidence is estimated, what
-        is not confident enough is left unknown, and the rest triangulated.
+        It removes speckles, refines disparities to sub-pixels, estimates the confidence, sets
+        pixels below the least confidence to unknown, and triangulates the others.
 
         Args:
             found: The disparities of an engine; its arrays are changed.
-            pair: The gray images that they were found in.
+            pair: The gray images of the disparities.
 
         Returns:
             The range map.
@@ -210,8 +211,14 @@ class Matcher:
 
 
 def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:
-    """Compute the least and the largest disparity, pixels, of points of the left image from
-    min_range_m to max_range_m away.
+    """Compute the disparity limits of points between two ranges.
+
+    Args:
+        pair: The geometry of the rectified images.
+        config: Settings; ``min_range_m`` and ``max_range_m`` are the ranges.
+
+    Returns:
+        Least and largest disparity of the left image, whole pixels.
     """
     # depth, in the corner farthest from the axis
     nearest_m = config.min_range_m / float(pair.ray_length.max())

@@ -1,5 +1,5 @@
-"""Check that the two images of a pair show the same scene, by how much of them matched and by
-whether they have texture to match.
+"""Checks that the two images of a pair show the same scene, from the matched fraction and the
+texture of the images.
 """
 
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration import Rectification
-from calibration.field_checks.matches import find_matches
+from calibration.verification.matches import find_matches
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.image_texture import sides_without_texture
@@ -21,11 +21,12 @@ class PairCheckConstants:
 
     least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach
     0.01 to 0.02 (synthetic reef).
-    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs
-    reach 0.6 and more. swap_tries: so many pairs of a dive are matched the other way round, since
-    that costs as much as matching itself.
-    least_points, rows_px: so many points in both images whose rows are off by more show one scene
-    with a rig that has moved; pairs of two scenes have 4 at most.
+    swap_coverage: below this fraction the pair is matched with left and right exchanged; good pairs
+    reach 0.6 and more. swap_tries: largest number of pairs of a dive for this test, which takes as
+    long as matching.
+    least_points, rows_px: least number of matched points with a vertical disparity above rows_px
+    for which a pair counts as one scene with a rig that has moved; pairs of two scenes have at most
+    4.
     """
 
     least_coverage: float = 0.05
@@ -38,20 +39,24 @@ class PairCheckConstants:
 PAIR_CHECK_CONSTANTS = PairCheckConstants()
 NO_OVERLAP = "the two images do not show the same thing"
 ROWS_OFF = "their rows are off"
-"""In the messages of pairs that fail for that, so that their neighbors can be tried."""
+"""Part of the messages of pairs that fail for this reason; a run then tests their neighbors."""
 
 
 def coverage(range_map: RangeMap) -> float:
-    """Compute the fraction of the left image's pixels that have a measured range."""
+    """Compute the fraction of the pixels of the left image with a measured range, 0..1.
+
+    Args:
+        range_map: The range map of the pair.
+    """
     return float(np.isfinite(range_map.measured_m).mean())
 
 
 class PairCheck:
     """The check of the pairs of a dive; safe to call from many threads.
 
-    match: the range map of a pair as the cameras gave it. The same function tells whether another
-    pairing would fit: ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
-    rectification: of the rig, by which rows that are off are told from another scene.
+    match: computes the range map of a raw pair, also to test another pairing:
+    ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
+    rectification: of the rig; it distinguishes a wrong calibration from another scene.
     """
 
     def __init__(

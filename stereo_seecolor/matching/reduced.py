@@ -1,4 +1,4 @@
-"""Matching at reduced size: for speed, and for images that hold no detail at their full size."""
+"""Matching at reduced size: for speed, and for images without detail at full size."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,24 +17,24 @@ from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame
 
 SIZES = (2, 4)
 LEAST_DETAIL = 0.88
-"""Of what matches at reduced size, the fraction that must match at full size. Real reef, Teddy,
-drawn scenes, with much noise too: 0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97 (half size
-knows 4 to 7 % more), by 4: 0.66 to 0.82 (24 to 40 % more).
+"""Least number of matched pixels at full size, as a fraction of that at reduced size. Real reef,
+Teddy, synthetic scenes, also with much noise: 0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97
+(half size matches 4 to 7 % more), by 4: 0.66 to 0.82 (24 to 40 % more).
 """
 LEAST_PIXELS = 1_000_000
-"""Of an image at reduced size. What smaller ones lack is texture and not size: at half of 450x375
-Teddy with noise and half its contrast is 74 % known instead of 49 %, but 10 % of that is wrong by
-over two pixels instead of 3 % (at a quarter 19 %).
+"""Least pixels of an image at reduced size. Smaller images lack texture, not size: at half of
+450x375 Teddy with noise and half its contrast is 74 % known instead of 49 %, but 10 % of this is
+wrong by over two pixels instead of 3 % (at a quarter 19 %).
 """
 
 
 MakeMatcher = Callable[[RectifiedPair, MatchingConfig, Mask | None], Matcher]
-"""Makes the Matcher of one size: Matcher itself, or one whose pixels lie on a device."""
+"""Makes the matcher of one size: ``Matcher``, or that of a device."""
 
 
 def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
-    """Give the geometry of images whose every pixel is the mean of shrink x shrink pixels;
-    incomplete blocks at the end are left out.
+    """Return the geometry of images reduced by ``shrink``, each pixel the mean of shrink x shrink
+    pixels, without incomplete blocks at the end.
     """
     focal_px, centers = pair.focal_px / shrink, (pair.cx_left_px, pair.cx_right_px, pair.cy_px)
     cx_left_px, cx_right_px, cy_px = ((center + 0.5) / shrink - 0.5 for center in centers)
@@ -82,19 +82,19 @@ class ReducedMatcher:
         )
         return self._matcher.matched(small)
 
-    def known(self, found: RangeMap) -> float:
-        """Compute the fraction of the pixels at full size whose range ``found``, of ``matched``,
-        knows.
+    def known(self, range_map: RangeMap) -> float:
+        """Compute the fraction of the pixels at full size with a range in ``range_map``, the result
+        of ``matched``.
         """
         width, height = self._size
-        return int(np.isfinite(found.disparity).sum()) * self._shrink**2 / (width * height)
+        return int(np.isfinite(range_map.disparity).sum()) * self._shrink**2 / (width * height)
 
-    def enlarged(self, found: RangeMap) -> RangeMap:
+    def enlarged(self, range_map: RangeMap) -> RangeMap:
         """Enlarge a range map of ``matched`` to the size of the pair."""
-        pixels = replace(found, disparity=found.disparity * np.float32(self._shrink))
+        pixels = replace(range_map, disparity=range_map.disparity * np.float32(self._shrink))
         large = pixels.each(self._larger)
         np.nan_to_num(large.confidence, copy=False)
-        return replace(large, vertical_px=found.vertical_px * self._shrink)
+        return replace(large, vertical_px=range_map.vertical_px * self._shrink)
 
     def _blocks(self, mask: Mask) -> NDArray[np.bool_]:
         rows, columns = (length // self._shrink for length in mask.shape)
@@ -121,11 +121,11 @@ _NOTHING = ((0, 0), (0, 0))
 
 
 class DetailMatcher:
-    """A Matcher that matches a large pair at half or a quarter of its size where full size shows
-    too little detail.
+    """A matcher that matches a large pair at half or a quarter of its size if full size shows too
+    little detail.
 
-    So it is with large sensors behind soft optics, in turbid water, and with enlarged or strongly
-    compressed images: noise decides the comparisons of neighboring pixels there.
+    Examples: large sensors with soft optics, turbid water, enlarged or strongly compressed images.
+    There, noise determines the comparisons of neighboring pixels.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class DetailMatcher:
         self._built: dict[int, ReducedMatcher] = {}
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair; a warning says where it was matched at a
+        """Compute the range map of a rectified pair; a warning states if it was matched at a
         smaller size.
         """
         found, detail = self._full.matched(frame)

@@ -22,12 +22,12 @@ MOMENTS = 7
 
 @dataclass(frozen=True)
 class RefineConstants:
-    """How far registration may move a disparity, and how much it is trusted.
+    """Limits and weights of the refinement.
 
-    largest_step_px: the largest move; matching is right to a pixel or wrong. matching_std_px:
-    standard error of what matching gives; where the images say less than that, the step shrinks to
-    none. samples: independent pixels in a window: the blur before matching has correlated their
-    noise over 4 pi sigma^2.
+    largest_step_px: the largest step; a correct match is right to a pixel. matching_std_px:
+    standard error of the integer disparity; if the images contain less information than this, the
+    step shrinks to zero. samples: independent pixels in a window: the blur before matching has
+    correlated their noise over 4 pi sigma^2.
     """
 
     largest_step_px: float = 1.0
@@ -52,25 +52,26 @@ def contrast_gain(left: Gray, right: Gray) -> float:
 
 
 def refine_rows(
-    pair: GrayPair, gain: float, found: MatchedDisparity, first: int, refined: Map, std: Map
+    pair: GrayPair, gain: float, matched: MatchedDisparity, first: int, refined: Map, std: Map
 ) -> tuple[Map, Map]:
-    """Refine disparities: fill ``refined`` and ``std``, pixels, from row ``first`` of found.best
-    on; return support and relief.
+    """Refine disparities: fill ``refined`` and ``std`` (pixels), starting at row ``first`` of
+    matched.best; return support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient
     g of both images are summed over the window, means taken out: the step is cov(g, e) / var(g),
-    its variance that of what is left of e over n var(g). The window sees each neighbor at its own,
-    smoothed disparity, so slopes do no harm; neighbors that failed a check are left out of it.
+    its variance that of the remaining e over n var(g). Each neighbor in the window is compared at
+    its own, smoothed disparity, so slopes cause no error; neighbors that failed a check are left
+    out.
     support: fraction of the window that passed the checks.
     relief: |disparity - its mean over those|, pixels: large beside an edge. All are (rows, W), NaN
-    where found.best is.
+    where matched.best is.
     """
     support, relief = np.empty_like(refined), np.empty_like(refined)
     images, rows = (pair.left, pair.right), (first, first + refined.shape[0])
     _refine(
         images,
         np.float32(gain),
-        (found.disparity, found.best),
+        (matched.disparity, matched.best),
         rows,
         (refined, std, support, relief),
     )

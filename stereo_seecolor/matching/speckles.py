@@ -14,8 +14,12 @@ patch.
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Set disparities to NaN, in place, where fewer than ``pixels`` connected pixels share a
-    disparity to within one pixel.
+    """Set small patches of disparity to NaN, in place.
+
+    Args:
+        disparity: (H, W) float32 pixels, NaN = unknown; connected neighbors within one pixel of
+            disparity form a patch.
+        pixels: Least size of a patch, pixels.
     """
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
     thin = disparity[::every, ::every]

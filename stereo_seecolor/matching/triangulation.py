@@ -36,8 +36,8 @@ class RangeMaps:
     def measure(self, pair: RectifiedPair, limits_m: tuple[float, float], rows: slice) -> None:
         """Compute depth, range and the standard error of range in these rows.
 
-        What lies outside the limits of range becomes unknown; what was not measured has no
-        confidence and no standard error.
+        Ranges outside the limits become unknown; unknown pixels have no confidence and no standard
+        error.
         """
         shift_px, scale = (
             np.float32(pair.cx_left_px - pair.cx_right_px),

@@ -1,4 +1,4 @@
-"""The matcher's work on a picture of noise, to have its functions compiled before a first run
+"""Runs the matcher on a noise image, so that its functions are compiled before a first run
 (``compute/compiled.py``).
 """
 
@@ -28,7 +28,7 @@ def warm_up_matching() -> None:
 
 
 def load_search() -> None:
-    """Load the compiled search where it is kept on disk; elsewhere each process compiles it when it
+    """Load the compiled search from disk, if it is there; else each process compiles it when it
     needs it.
     """
     if not is_first_run():
@@ -36,7 +36,7 @@ def load_search() -> None:
 
 
 def warm_up_quality() -> None:
-    """Run all that is done with disparities on noise, so that it is compiled."""
+    """Run all steps after the search on noise, so that they are compiled."""
     frame = _noise()
     # gray() is compiled elsewhere
     left, right = (image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right))

@@ -15,7 +15,7 @@ from stereo_seecolor.files.previews import LIVE, preview, range_picture
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.overview import NAMED_FRAMES, Fact, RowFacts
-from stereo_seecolor.report.templates import filled_in
+from stereo_seecolor.report.templates import render_template
 from stereo_seecolor.report.texts import STATIC, length, phrase
 from stereo_seecolor.report.verdict import judge_so_far
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -77,7 +77,7 @@ class LivePage:
 
     def _render(self) -> bytes:
         facts, now_s = RowFacts(tuple(self._table.rows)), time.time()
-        return filled_in(
+        return render_template(
             "live.html.j2",
             t=phrase,
             dive=self.dive,

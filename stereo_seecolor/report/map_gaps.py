@@ -28,7 +28,7 @@ def gap_tiles(path: Path, width: int, height: int) -> Iterator[tuple[str, bytes]
 
     def read(box: Box, size: tuple[int, int]) -> NDArray[Any]:
         step = max(1, round(box[2] / size[0]))
-        return hatched(reasons(path, box, size), (box[0] // step, box[1] // step))
+        return hatch(reasons(path, box, size), (box[0] // step, box[1] // step))
 
     return pyramid(width, height, read)
 
@@ -48,7 +48,7 @@ def reasons(path: Path, box: Box, size: tuple[int, int] | None = None) -> NDArra
         )
 
 
-def hatched(codes: NDArray[np.uint8], corner_px: tuple[int, int]) -> NDArray[np.uint8]:
+def hatch(codes: NDArray[np.uint8], corner_px: tuple[int, int]) -> NDArray[np.uint8]:
     """(h, w, 4) RGBA of codes (h, w) of which the first lies at a place (x, y): stripes that run on
     from tile to tile.
     """

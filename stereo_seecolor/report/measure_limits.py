@@ -14,7 +14,7 @@ class MeasureLimits:
     layer_gap_stds: float = 6.0  # no step is smaller than the noise
     # what the error of a pixel's range and the misfit of the plane around add to the standard error
     # of a point, and that adds to the one of its slope, a pixel (picking.py): as
-    # benchmarks/standard_errors.py finds them on drawn reefs
+    # benchmarks/standard_errors.py finds them on synthetic reefs
     of_range: float = 0.4
     of_misfit: float = 0.4
     slope_of_misfit: float = 0.131

@@ -254,7 +254,7 @@ def _level(
         around_m = AROUND_CELLS * cell_m
         part = finer.within(low_m - around_m, high_m + around_m)
         if isinstance(finer, Level):
-            part = clustered(part, cell_m, corner_m)
+            part = cluster_vertices(part, cell_m, corner_m)
         triangles = closed(part.points_m, part.triangles, cell_m)
         rim = rim_of(triangles, len(part.points_m))
         part = part._replace(triangles=triangles, rim=rim)
@@ -267,7 +267,7 @@ def _level(
     return Level(cell_m, south_west, edge_m, folder, boxes, count)
 
 
-def clustered(part: Numbered, cell_m: float, corner_m: Floats) -> Numbered:
+def cluster_vertices(part: Numbered, cell_m: float, corner_m: Floats) -> Numbered:
     """A coarser part: the points in each cube of that edge are replaced by their mean (Rossignac
     and Borrel 1993). corner_m: (3,) a corner of cubes.
     """

@@ -214,15 +214,15 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     ] + _halving(facts)
 
 
-def _rugosity(found: StructureAtScale, length_text: Callable[[float], str]) -> dict[str, str]:
+def _rugosity(structure: StructureAtScale, length_text: Callable[[float], str]) -> dict[str, str]:
     """Surface rugosity with its standard error, and the scale and the squares it belongs to."""
-    text = f"{found.mean.rugosity_area:.2f}"
-    if np.isfinite(found.standard_error.rugosity_area):
-        text += f" ± {found.standard_error.rugosity_area:.2f}"
+    text = f"{structure.mean.rugosity_area:.2f}"
+    if np.isfinite(structure.standard_error.rugosity_area):
+        text += f" ± {structure.standard_error.rugosity_area:.2f}"
     return {
         "rugosity": text,
-        "cell": length_text(found.scale_m),
-        "edge": f"{found.edge_m:g}",
+        "cell": length_text(structure.scale_m),
+        "edge": f"{structure.edge_m:g}",
     }
 
 

@@ -28,7 +28,7 @@ from stereo_seecolor.report.overview import (
     methods,
 )
 from stereo_seecolor.report.page_columns import columns
-from stereo_seecolor.report.templates import filled_in, script
+from stereo_seecolor.report.templates import render_template, script
 from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -228,7 +228,7 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
     not searched for.
     """
     run = facts.run
-    return filled_in(
+    return render_template(
         "index.html.j2",
         t=phrase,
         dive=dive_name(run.inputs, run.root),

@@ -10,7 +10,7 @@ import jinja2
 from stereo_seecolor.report.texts import STATIC
 
 
-def filled_in(name: str, **values: Any) -> bytes:
+def render_template(name: str, **values: Any) -> bytes:
     """A template of static/, filled in with values. Raises jinja2's UndefinedError for a missing
     value.
     """

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.errors import FrameError
-from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.records import SurveyFrame
@@ -118,7 +118,9 @@ class _Sums:
         known = np.isfinite(range_m)
         if not known.any():
             return None
-        points = transformed(T, self._geometry.rays[::step, ::step][known] * range_m[known, None])
+        points = transform_points(
+            T, self._geometry.rays[::step, ::step][known] * range_m[known, None]
+        )
         return _covered(
             self._terrain.grid,
             points,
@@ -139,7 +141,7 @@ def _sampled(
     values: NDArray[np.float32], points: Array, T: Array, geometry: RectifiedPair
 ) -> Array:
     """(h, w) the values of a frame's nearest pixels at points (h, w, 3); NaN outside its image."""
-    local = transformed(inverse(T), points)
+    local = transform_points(inverse(T), points)
     width, height = geometry.image_size
     with np.errstate(invalid="ignore", divide="ignore"):
         u = geometry.focal_px * local[..., 0] / local[..., 2] + geometry.cx_left_px

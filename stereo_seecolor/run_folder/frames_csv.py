@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from stereo_seecolor.errors import InputError, printable
-from stereo_seecolor.files.csv_tables import guarded, table_rows
+from stereo_seecolor.files.csv_tables import guard_formula, table_rows
 from stereo_seecolor.files.whole_files import regular_bytes
 from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.finished_map import TrackPoint
@@ -137,7 +137,7 @@ def _csv_line(cells: Sequence[object]) -> bytes:
 def _csv_text(rows: Iterable[Sequence[object]]) -> bytes:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(
-        [guarded(printable(cell)) if isinstance(cell, str) else cell for cell in row]
+        [guard_formula(printable(cell)) if isinstance(cell, str) else cell for cell in row]
         for row in rows
     )
     return text.getvalue().encode()

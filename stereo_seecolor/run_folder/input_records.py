@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.contained import contained
+from stereo_seecolor.files.contained import find_contained
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.run_folder.manifest import InputRecord
 from stereo_seecolor.run_folder.stamp import DIGEST_BYTES, Stamp
@@ -16,7 +16,7 @@ def input_record(path: Path, known: InputRecord | None) -> InputRecord:
     Raises InputError if it cannot be read.
     """
     try:
-        inner = contained(path)
+        inner = find_contained(path)
         status = (inner.outer if inner else path).stat()
         same_name = inner is None or (known is not None and known.path.endswith(inner.name))
         if (

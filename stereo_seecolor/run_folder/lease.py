@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from stereo_seecolor.compute.background import heartbeat
+from stereo_seecolor.compute.heartbeat import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.files.json_records import as_record, load_object
@@ -92,7 +92,7 @@ class Holder:
 
 
 @contextmanager
-def leased(root: Path, locked: bool) -> Iterator[Holder]:
+def hold_lease(root: Path, locked: bool) -> Iterator[Holder]:
     """Hold OUT for this process. locked: it holds the lock of the system too, so no other process
     of this machine can.
 

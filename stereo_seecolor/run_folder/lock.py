@@ -10,7 +10,7 @@ from filelock import FileLock, Timeout
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder.layout import LOCK, state
-from stereo_seecolor.run_folder.lease import Holder, leased
+from stereo_seecolor.run_folder.lease import Holder, hold_lease
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 """What a file system without locks says, as some network file systems: the lease alone guards
@@ -43,7 +43,7 @@ def held(root: Path) -> Iterator[Holder]:
                 f"{root}: cannot be written: {error.strerror or error}: choose another --out"
             ) from error
     try:
-        with leased(root, lock.is_locked) as holder:
+        with hold_lease(root, lock.is_locked) as holder:
             yield holder
     finally:
         lock.release()

@@ -101,7 +101,7 @@ class PosedRun:
         return inverse(self.T_map_camera)
 
 
-def spaced(numbers: Iterable[float], digits: int = 12) -> str:
+def join_numbers(numbers: Iterable[float], digits: int = 12) -> str:
     """Numbers with that many significant digits, in a line."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from calibration.errors import counted
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import FrameRow, Numbers, Water
 from stereo_seecolor.run_folder.finished_run import (

@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.files.contained import contained
+from stereo_seecolor.files.contained import find_contained
 
 DIGEST_BYTES = 16
 """Of SHA-256, which processors compute at 2 GB/s: 1 to 2 % of the time of a run (sample dive)."""
@@ -28,7 +28,7 @@ class Stamp:
         """Compute the stamp of a file; of one in a bag: the bag's size and time, with a digest of
         its name in there. Raises OSError.
         """
-        if inner := contained(path):
+        if inner := find_contained(path):
             status = inner.outer.stat()
             return cls(
                 status.st_size,

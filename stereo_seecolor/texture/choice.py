@@ -22,21 +22,21 @@ ROUNDS = 2
 """Of both: patches that became larger can be left by others again."""
 
 
-def choose(found: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
+def choose(candidates: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
     """Choose the view of each triangle: (F,), -1 where none shows it. across: (F, 3), neighbors or
     -1.
     """
     with np.errstate(divide="ignore"):
-        cost = np.where(found.view >= 0, -np.log(np.maximum(found.value, 1e-9)), np.inf)
+        cost = np.where(candidates.view >= 0, -np.log(np.maximum(candidates.value, 1e-9)), np.inf)
     faces = np.arange(len(cost))
     label = np.where(
-        np.isfinite(cost).any(axis=1), found.view[faces, cost.argmin(axis=1)], -1
+        np.isfinite(cost).any(axis=1), candidates.view[faces, cost.argmin(axis=1)], -1
     ).astype(np.int32)
     for _ in range(ROUNDS):
-        settle(label, found.view, cost, across, SEAM, SWEEPS)
+        settle(label, candidates.view, cost, across, SEAM, SWEEPS)
         of_patch, moved = np.full((2, len(label)), -1, np.int64)
         patch, around = np.empty(len(label), np.int64), np.empty(3 * SMALL, np.int32)
-        absorb(label, found.view, cost, across, SEAM, SMALL, (of_patch, moved, patch, around))
+        absorb(label, candidates.view, cost, across, SEAM, SMALL, (of_patch, moved, patch, around))
     return label
 
 

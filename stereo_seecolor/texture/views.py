@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -109,7 +109,7 @@ class Views:
         """Pixels (N, 2), with (0, 0) in the center of the top left one, of points (N, 3) of the
         map.
         """
-        seen = transformed(self.posed.T_camera_map[number], points)
+        seen = transform_points(self.posed.T_camera_map[number], points)
         pixels = seen @ self.posed.geometry.P_left.T
         return np.asarray(pixels[:, :2] / pixels[:, 2:])
 

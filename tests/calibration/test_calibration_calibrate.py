@@ -23,8 +23,8 @@ from calibration.boards.printing import print_target
 from calibration.boards.target_views import TargetView, detect_view
 from calibration.boards.targets import Charuco, Chessboard, parse_target
 from calibration.calibrate import calibrate
-from calibration.field_checks.matches import to_gray
 from calibration.formats import load_rig
+from calibration.gray import to_gray
 from stereo_seecolor.compute.threads import Threads
 
 BOARD = Chessboard(9, 6, 0.03)

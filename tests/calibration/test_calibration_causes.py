@@ -7,7 +7,7 @@ import pytest
 from drawn_rigs import Fault, affine, both, drawn_dive, rig, shutters, turned
 
 from calibration import StereoRig
-from calibration.field_checks.causes import Causes, Explanation, find_causes
+from calibration.verification.causes import Causes, Explanation, find_causes
 
 YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
 ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"

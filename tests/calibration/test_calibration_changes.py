@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from calibration import RectifiedPair
-from calibration.field_checks.changes import PairRows, changes_of, enlarged_side, pair_rows
-from calibration.field_checks.matches import Matches
-from calibration.field_checks.rigid_motion import SeenTwice
+from calibration.verification.changes import PairRows, changes_of, enlarged_side, pair_rows
+from calibration.verification.matches import Matches
+from calibration.verification.rigid_motion import SeenTwice
 
 GEOMETRY = RectifiedPair(600.0, 319.5, 319.5, 239.5, 0.1, (640, 480))
 

@@ -14,14 +14,14 @@ from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, vertical_disparity
-from calibration.field_checks.large_causes import BestFactor
-from calibration.field_checks.matches import Matches, MatchLimits, find_matches
-from calibration.field_checks.quick_check import quick_check
-from calibration.field_checks.table import enlarged
 from calibration.formats import load_rig
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.refine import moved_rig
 from calibration.suspicions import lens_folds, suspicions
+from calibration.verification.large_causes import BestFactor
+from calibration.verification.matches import Matches, MatchLimits, find_matches
+from calibration.verification.quick_check import quick_check
+from calibration.verification.table import enlarged
 
 REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]

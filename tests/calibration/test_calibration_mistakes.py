@@ -10,10 +10,10 @@ import pytest
 from calibration_boards import fisheye_rig, pinhole_rig
 
 from calibration import Rectification, StereoRig
-from calibration.field_checks import mistakes
-from calibration.field_checks.matches import Matches
-from calibration.field_checks.mistakes import likely_mistake
 from calibration.resizing import wrong_size
+from calibration.verification import mistakes
+from calibration.verification.matches import Matches
+from calibration.verification.mistakes import likely_mistake
 
 IMAGES = (np.zeros((960, 1280), np.uint8), np.zeros((960, 1280), np.uint8))
 

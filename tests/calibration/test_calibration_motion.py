@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from calibration import Rectification, RectifiedPair
-from calibration.field_checks.causes import find_causes
-from calibration.field_checks.motion import Motion, find_couples, find_motion, motion_of
-from calibration.field_checks.rigid_motion import SeenTwice
 from calibration.formats import load_rig, write_rig
+from calibration.verification.causes import find_causes
+from calibration.verification.motion import Motion, find_couples, find_motion, motion_of
+from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig, matches_of
 from stereo_seecolor.checks.sample import neighbors
 from stereo_seecolor.commands.check import check
-from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.pipeline import Pipeline
 

@@ -213,7 +213,7 @@ def test_rig_without_port_has_no_port_error() -> None:
 @pytest.mark.slow
 def test_one_setting_describes_a_port(tmp_path: Path) -> None:
     """As the block of cam.yaml, for every reading of a file that can be read in several ways."""
-    from stereo_seecolor.commands.dive_rig import behind_port
+    from stereo_seecolor.commands.rig_loading import behind_port
     from stereo_seecolor.config import InputConfig
 
     bare = replace(port_rig(), port=None, medium="water")

@@ -15,9 +15,9 @@ from test_calibration_rectification import rig_at
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.checks import vertical_disparity
-from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig
 from calibration.refine import PARAMETERS, moved_rig, refine_matches
+from calibration.verification.matches import Matches, raw_matches
 
 RIGS = {
     "pinhole": pinhole_rig(),

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.field_checks.conventions import resolve_convention
 from calibration.formats import load_rig, write_rig
 from calibration.formats.ros import rectified_rig, transform_of_projections
+from calibration.verification.conventions import resolve_convention
 
 RIG = small_rig()
 

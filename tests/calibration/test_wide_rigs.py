@@ -9,7 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from calibration import CalibrationError
 from calibration.checks import vertical_disparity
-from calibration.field_checks.matches import (
+from calibration.rectification import Rectification
+from calibration.refine import refine_matches
+from calibration.rig import Camera, StereoRig
+from calibration.verification.matches import (
     MATCH_LIMITS,
     describe_left,
     describe_right,
@@ -17,9 +20,6 @@ from calibration.field_checks.matches import (
     match_described,
     raw_matches,
 )
-from calibration.rectification import Rectification
-from calibration.refine import refine_matches
-from calibration.rig import Camera, StereoRig
 
 SIZE = (960, 540)
 FOCAL_PX = 900.0

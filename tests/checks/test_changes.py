@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.checks.changes import find_change, odd_among
-from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.pairing import Pair
 

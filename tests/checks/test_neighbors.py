@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from calibration import Rectification
-from calibration.field_checks.matches import describe_left, describe_right
 from calibration.formats import load_rig
+from calibration.verification.matches import describe_left, describe_right
 from stereo_seecolor.checks.neighbors import agreeing_points, misfit_notes, neighbor_that_fits
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig

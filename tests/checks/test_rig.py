@@ -11,7 +11,7 @@ from calibration import StereoRig
 from calibration.formats import load_rig
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig
-from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
 

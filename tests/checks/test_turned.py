@@ -8,7 +8,7 @@ from PIL import Image
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.checks.changes import find_change
-from stereo_seecolor.commands.dive_rig import pairs_of
+from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import RunConfig
 
 REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"

@@ -10,7 +10,7 @@ import pytest
 from conftest import SampleRun
 
 from stereo_seecolor.color.render.carried import Smoother, carry_ranges
-from stereo_seecolor.color.render.carried_colors import seen_by_both, within_measured
+from stereo_seecolor.color.render.carried_colors import inside_right_image, within_measured
 from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Map
@@ -228,10 +228,10 @@ def test_the_strip_that_the_right_camera_does_not_see_is_not_taken_for_open_wate
     carried[40:80, 90:140] = True  # a cave
     cave = carried.copy()
     cave[:, :33] = False
-    np.testing.assert_array_equal(seen_by_both(carried, outside), cave)
+    np.testing.assert_array_equal(inside_right_image(carried, outside), cave)
     carried[:50] = True  # open water, which the strip reaches into
-    np.testing.assert_array_equal(seen_by_both(carried, outside), carried)
-    np.testing.assert_array_equal(seen_by_both(carried, np.zeros_like(outside)), carried)
+    np.testing.assert_array_equal(inside_right_image(carried, outside), carried)
+    np.testing.assert_array_equal(inside_right_image(carried, np.zeros_like(outside)), carried)
 
 
 def test_white_at_a_carried_range_stays_at_full_scale() -> None:

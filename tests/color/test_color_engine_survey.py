@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.exposure import Brightness, darkened
+from stereo_seecolor.color.photometry.exposure import Brightness, shorten_exposure
 from stereo_seecolor.color.render import water_gains
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -149,7 +149,7 @@ def test_a_dive_without_a_known_range_is_refused(lock):
 def test_darkening_a_table_is_the_table_of_a_darker_image():
     image, range_m = reef(1)
     table = measure(image, range_m)
-    half = darkened(table, 2.0, "as-is")
+    half = shorten_exposure(table, 2.0, "as-is")
     mean = half.counts.sum(axis=(0, 1)) @ half.values / half.counts.sum()
     assert mean == pytest.approx(
         0.5 * (table.counts.sum(axis=(0, 1)) @ table.values / table.counts.sum()), rel=0.02

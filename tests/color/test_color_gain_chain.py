@@ -285,7 +285,7 @@ def test_logarithms_of_recorded_exposures() -> None:
 def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The sample dive, its frames exposed by known factors; two stretches of five of its twelve
+    """The sample dive, its frames exposed by known factors; two segments of five of its twelve
     frames are looked at first.
     """
     monkeypatch.setattr(light_search, "SAMPLE", SampleSettings(most_frames=10))
@@ -314,7 +314,7 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(
 
 @pytest.mark.parametrize("parts", [1, 2, 50])
 @pytest.mark.parametrize("numbers", [range(12), range(200), light_search.sampled_frames(500)])
-def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(
+def test_segments_hold_every_frame_once_and_all_that_it_is_held_against(
     numbers: Sequence[int], parts: int
 ) -> None:
     length = light_search.SEGMENTS.length(len(numbers), parts)

@@ -18,7 +18,7 @@ from stereo_seecolor.color.fitting.water_prior import (
     LARGEST_LOG_NEAR,
     RATE_OF_CHANGE,
     WATER,
-    drawn_camera,
+    random_camera,
     water_prior,
 )
 from stereo_seecolor.color.table.counting import measure
@@ -365,7 +365,7 @@ def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
 def test_published_spectra_have_the_colors_that_are_known() -> None:
     kinds, _, spectra = SPECTRA["read_spectra"]()
     assert ((spectra > 0) & (spectra < 1)).all()
-    red, green, blue = np.log(spectra @ drawn_camera(np.full(4, 0.5)).T).T
+    red, green, blue = np.log(spectra @ random_camera(np.full(4, 0.5)).T).T
     sand = np.array(kinds) == "sand"
     assert ((red - green)[sand] > np.log(1.1)).all() and ((red - green)[sand] < np.log(1.2)).all()
     assert ((blue - green)[sand] > np.log(0.7)).all() and (

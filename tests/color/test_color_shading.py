@@ -164,7 +164,7 @@ def test_the_shading_of_a_chain_of_frames_comes_back(frames: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("most_frames", [60, 10], ids=["short dive", "long dive"])
 def test_waves_over_the_sample_dive(most_frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A long dive's shading is chained from parts of pictures, once stretches of it have shown that
+    """A long dive's shading is chained from parts of pictures, once segments of it have shown that
     there is some.
     """
     monkeypatch.setattr(light_search, "SAMPLE", SampleSettings(most_frames=most_frames))

@@ -14,9 +14,9 @@ import yaml
 from conftest import read_pixels
 
 from calibration import CalibrationError
-from calibration.field_checks.matches import Matches
-from calibration.field_checks.quick_check import QuickCheck
 from calibration.formats import load_rig
+from calibration.verification.matches import Matches
+from calibration.verification.quick_check import QuickCheck
 from stereo_seecolor.checks import rig as rig_checks
 
 

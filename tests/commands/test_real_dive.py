@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.field_checks.conventions import resolve_convention
-from calibration.field_checks.mistakes import likely_mistake
 from calibration.formats import load_rig
+from calibration.verification.conventions import resolve_convention
+from calibration.verification.mistakes import likely_mistake
 from stereo_seecolor.cli import main
 from stereo_seecolor.run_folder.finished_run import open_run
 

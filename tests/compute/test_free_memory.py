@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.compute import process
-from stereo_seecolor.compute.process import at_once, free_bytes
+from stereo_seecolor.compute import free_memory
+from stereo_seecolor.compute.free_memory import at_once, free_bytes
 from stereo_seecolor.dive.run_options import RunOptions
 
 GIB = 1 << 30
@@ -18,8 +18,8 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     meminfo.write_text(
         "MemTotal:       33554432 kB\nMemFree:         1048576 kB\nMemAvailable:   16777216 kB\n"
     )
-    monkeypatch.setattr(process, "_MEMINFO", meminfo)
-    monkeypatch.setattr(process, "_GROUPS", tmp_path)
+    monkeypatch.setattr(free_memory, "_MEMINFO", meminfo)
+    monkeypatch.setattr(free_memory, "_GROUPS", tmp_path)
     return tmp_path
 
 
@@ -79,6 +79,6 @@ def test_fewer_pairs_at_once_are_said_once_and_enough_memory_nothing() -> None:
 def test_where_the_system_does_not_say_all_are_done_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, "_MEMINFO", tmp_path / "absent")
-    monkeypatch.setattr(process, "_GROUPS", tmp_path)
+    monkeypatch.setattr(free_memory, "_MEMINFO", tmp_path / "absent")
+    monkeypatch.setattr(free_memory, "_GROUPS", tmp_path)
     assert at_once(6, 1e15) == 6

@@ -3,7 +3,7 @@
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from stereo_seecolor.compute.process import (
+from stereo_seecolor.compute.library_threads import (
     PRODUCTS,
     one_thread_in_libraries,
     one_thread_in_products,

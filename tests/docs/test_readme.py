@@ -32,7 +32,7 @@ def table(path: Path, head: str) -> list[dict[str, str]]:
 
 def test_colors_in_the_readme_are_those_of_the_one_table() -> None:
     """The best other method is the best of the page, and raw and own numbers are the page's."""
-    page = table(ROOT / "docs" / "color-quality.md", "| data | real or drawn")
+    page = table(ROOT / "docs" / "color-quality.md", "| data | real or synthetic")
     others = ("gray world", "log-linear gray world", "Sea-thru", "DeepSeeColor")
     shown = table(ROOT / "README.md", "| error | data")
     compared = 0

@@ -13,7 +13,7 @@ from mapping_scene import ReefFrames
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
+from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import bundle_problem, odometry, placement_refinement
@@ -75,7 +75,7 @@ def line(true_std: Array, frames: int = 12, seed: int = 1) -> Line:
     )
     features, points = [], []
     for own in T:
-        local = transformed(inverse(own), places)
+        local = transform_points(inverse(own), places)
         seen = np.column_stack([local[:, :2], np.ones(len(local))]) / local[:, 2:]
         inside = np.flatnonzero((np.abs(seen[:, 0]) < 0.6) & (np.abs(seen[:, 1]) < 0.5))
         off = true_std * rng.standard_normal((len(inside), 3))

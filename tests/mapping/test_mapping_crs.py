@@ -19,7 +19,7 @@ from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.export import tiles_3d
 from stereo_seecolor.extras.reef.markers import open_posed_run
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import crs_name, crs_wkt, in_utm, utm_of
 from stereo_seecolor.mapping.survey_map import build_map, check
@@ -34,9 +34,9 @@ def test_poses_in_utm_lie_and_head_where_the_zone_says() -> None:
     moved = in_utm(T, ORIGIN)
     for at in ([0.0, 0, 0], [1.0, 0, 0], [0.0, 1, 0]):
         for before, after in zip(T, moved, strict=True):
-            x, y, z = transformed(before, np.array(at))
+            x, y, z = transform_points(before, np.array(at))
             np.testing.assert_allclose(
-                transformed(after, np.array(at)), [*TO_UTM.transform(x, y), z], atol=5e-4
+                transform_points(after, np.array(at)), [*TO_UTM.transform(x, y), z], atol=5e-4
             )
     lost = np.concatenate([T, np.full((1, 4, 4), np.nan)])
     assert np.isnan(in_utm(lost, ORIGIN)[3]).all() and np.isfinite(in_utm(lost, ORIGIN)[:3]).all()
@@ -114,7 +114,7 @@ def test_all_products_of_a_map_in_utm_agree_and_its_export_lies_on_the_globe(
     assert tileset["asset"]["extras"]["crs"].startswith("EPSG:32756")
     T = np.array(tileset["root"]["transform"]).reshape(4, 4).T
     local = posed.T_map_camera[2, :3, 3]
-    latitude, longitude, height = geodetic_from_geocentric(transformed(T, local))
+    latitude, longitude, height = geodetic_from_geocentric(transform_points(T, local))
     expected = degrees_from_north_east(0.0, 0.6, ORIGIN)
     assert ((latitude, longitude), height) == (
         pytest.approx(expected, abs=1e-8),

@@ -10,7 +10,7 @@ from stereo_seecolor.extras.evaluation.map_errors import (
     surface_points,
     trajectory_error,
 )
-from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
+from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transform_points
 
 
 @pytest.mark.slow
@@ -37,7 +37,9 @@ def test_alignment_undoes_a_rigid_motion_but_keeps_scale() -> None:
     moved = truth @ rotation_from_vector(np.array([0.3, -2, 1])).T + [5, 6, 7]
     assert trajectory_error(moved, truth).rms_m < 1e-9
     assert trajectory_error(1.1 * moved, truth).rms_m > 0.05
-    np.testing.assert_allclose(transformed(rigid_alignment(moved, truth), moved), truth, atol=1e-9)
+    np.testing.assert_allclose(
+        transform_points(rigid_alignment(moved, truth), moved), truth, atol=1e-9
+    )
 
 
 def test_path_is_the_length_of_the_true_track() -> None:

@@ -17,7 +17,7 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
+from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.navigation.fixes import at_fixes, fit_to_fixes
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.records import GeoOrigin, Trajectory
@@ -42,7 +42,7 @@ def lawn_mower(count: int, line_m: float) -> Array:
 def fixed(T: Array, scatter_m: float, seed: int = 0) -> Trajectory:
     """A fix a frame; every tenth is 30 m off."""
     rng = np.random.default_rng(seed)
-    places = transformed(TRUE, T[:, :3, 3]) + rng.normal(0, scatter_m, (len(T), 3)) * [1, 1, 0]
+    places = transform_points(TRUE, T[:, :3, 3]) + rng.normal(0, scatter_m, (len(T), 3)) * [1, 1, 0]
     places[::10, :2] += 30
     places[:, 2] = 0
     fixes = np.stack([pose(np.eye(3), place) for place in places])
@@ -71,7 +71,7 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
     assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 8
     assert (
         np.linalg.norm(
-            (placed.T_world_camera[:, :3, 3] - transformed(TRUE, T[:, :3, 3])).mean(axis=0)[:2]
+            (placed.T_world_camera[:, :3, 3] - transform_points(TRUE, T[:, :3, 3])).mean(axis=0)[:2]
         )
         < 0.7
     )
@@ -127,7 +127,7 @@ def fused_with_fixes(tmp_path: Path, *settings: str) -> tuple[dict[str, Any], Ar
     texture = bottom()
     write_run(out, [frame(i, each, texture) for i, each in enumerate(T)], RIG)
     write_tum(tmp_path / "vio.tum", Trajectory(tuple(f"f{i}" for i in range(5)), np.arange(5.0), T))
-    places = transformed(TRUE, T[:, :3, 3])
+    places = transform_points(TRUE, T[:, :3, 3])
     degrees = [
         degrees_from_north_east(north_m, east_m, place_on_earth) for east_m, north_m, _ in places
     ]
@@ -147,7 +147,7 @@ def test_fixes_beside_a_relative_track_place_it_on_earth(tmp_path: Path) -> None
     content, track, said = fused_with_fixes(tmp_path)
     assert content["origin"] is not None and "the track is aligned to 5 fixes" in said
     T = cameras()
-    expected = transformed(TRUE, T[:, :3, 3])
+    expected = transform_points(TRUE, T[:, :3, 3])
     np.testing.assert_allclose(
         track[:, :2] - track[:1, :2], expected[:, :2] - expected[:1, :2], atol=2e-3
     )

@@ -128,7 +128,7 @@ def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[Sur
 
 
 @pytest.mark.slow
-def test_a_long_blank_stretch_breaks_the_map_in_two(
+def test_a_long_blank_segment_breaks_the_map_in_two(
     reef: ReefFrames, frames: list[SurveyFrame]
 ) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
@@ -142,7 +142,7 @@ def test_a_long_blank_stretch_breaks_the_map_in_two(
 
 
 @pytest.mark.slow
-def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+def test_loops_join_what_a_blank_segment_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked, reef)
     placed = placement.components == 0
@@ -246,7 +246,7 @@ def test_priors_hold_the_map_to_navigation() -> None:
     priors = [pose_graph.Prior(i, T[i], np.array([0.5, 0.5, 0.01]), 0.01) for i in range(12)]
     start = inverse(T[0]) @ T
     solved, _ = pose_graph.solve(
-        odometry.moved_to(priors, start, list(range(12))), range(12), chain, priors
+        odometry.move_to_priors(priors, start, list(range(12))), range(12), chain, priors
     )
     assert np.abs(solved[:, 2, 3] + 8).max() < 0.03
     assert np.abs(solved[:, :2, 3] - T[:, :2, 3]).max() < 0.3

@@ -18,7 +18,7 @@ from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
+from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.control_points import control_fit
 from stereo_seecolor.mapping.placed_markers import PlacedMarker, ScaleCheck
@@ -122,7 +122,9 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
     length_m = np.hypot(0.7, 0.3)
     (tmp_path / "bars.csv").write_text(f"first,second,length_m\n3,7,{length_m}\n3,99,1\n")
     T = pose(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
-    surveyed = {number: transformed(T, np.array([*place, 0.0])) for number, place in PLACES.items()}
+    surveyed = {
+        number: transform_points(T, np.array([*place, 0.0])) for number, place in PLACES.items()
+    }
     rows = [f"{number},{x},{y},{z}" for number, (x, y, z) in surveyed.items()]
     (tmp_path / "gcp.csv").write_text("marker,x_m,y_m,z_m\n" + "\n".join(rows))
     words = (
@@ -182,7 +184,9 @@ def test_control_points_must_fix_the_map() -> None:
     with pytest.raises(InputError, match="lie on a line"):
         control_fit(found[:3], places)
     T = pose(rotation_from_vector(np.array([0.0, 0, 2])), [3, 4, 5])
-    fit = control_fit(found, {number: transformed(T, place) for number, place in places.items()})
+    fit = control_fit(
+        found, {number: transform_points(T, place) for number, place in places.items()}
+    )
     assert fit.rms_m < 1e-9
     np.testing.assert_allclose(fit.T, T, atol=1e-9)
     assert inverse(fit.T) @ T == pytest.approx(np.eye(4))

@@ -17,7 +17,7 @@ from stereo_seecolor.config import MappingConfig, MarkersConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
-from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
+from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.survey import Survey
@@ -100,7 +100,7 @@ def test_surveyed_places_give_the_world_and_the_scale(survey: Survey, tmp_path: 
     rows = (
         f"{n},{x},{y},{z},0.001"
         for n, p in PLACES.items()
-        for x, y, z in [transformed(SURVEYED, np.array([*p, 0.0]))]
+        for x, y, z in [transform_points(SURVEYED, np.array([*p, 0.0]))]
     )
     (tmp_path / "gcp.csv").write_text("marker,x_m,y_m,z_m,std_m\n" + "\n".join(rows))
     placed = held(survey, points=tmp_path / "gcp.csv")

@@ -9,7 +9,7 @@ import pytest
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, MappingError
-from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
+from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.control_points import control_fit
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
@@ -149,7 +149,7 @@ CAMERAS = np.tile(np.eye(4), (3, 1, 1))
 
 
 def surveyed() -> dict[int, np.ndarray]:
-    return {number: transformed(SURVEYED, np.array(place)) for number, place in FLAT.items()}
+    return {number: transform_points(SURVEYED, np.array(place)) for number, place in FLAT.items()}
 
 
 def test_a_mistyped_place_is_named_and_right_ones_are_not() -> None:

@@ -11,7 +11,7 @@ import pytest
 from mapping_scene import flat_frames, write_map
 from PIL import ExifTags, Image
 
-from stereo_seecolor.commands.described_frames import describe_frames, gps_tags, located
+from stereo_seecolor.commands.described_frames import describe_frames, gps_tags, with_gps
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import ImageFormat, encode_image
@@ -44,7 +44,7 @@ def test_a_position_is_written_and_pixels_and_other_tags_stay(
     before = tmp_path / f"before{SUFFIX[image_format]}"
     before.write_bytes(encode_image(picture, image_format, exif.tobytes()[6:]))
     after = tmp_path / f"after{SUFFIX[image_format]}"
-    after.write_bytes(located(before.read_bytes(), gps_tags(point(), ORIGIN)))
+    after.write_bytes(with_gps(before.read_bytes(), gps_tags(point(), ORIGIN)))
     assert np.array_equal(read_array(before), read_array(after))
     assert image_size(after.read_bytes()) == (31, 24)
     capture = read_capture(after.read_bytes())
@@ -60,14 +60,14 @@ def test_a_position_is_written_and_pixels_and_other_tags_stay(
         and gps[ExifTags.GPS.GPSAltitudeRef] == b"\x01"
     )
     assert stored[ExifTags.Base.Make] == "Reef"
-    assert located(after.read_bytes(), gps_tags(point(), ORIGIN)) == after.read_bytes(), (
+    assert with_gps(after.read_bytes(), gps_tags(point(), ORIGIN)) == after.read_bytes(), (
         "a second time changes nothing"
     )
 
 
 def test_a_picture_without_exif_gets_a_position() -> None:
     content = encode_image(np.zeros((8, 9, 3), np.uint8), "jpg")
-    assert read_capture(located(content, gps_tags(point(), ORIGIN))).latitude_deg == pytest.approx(
+    assert read_capture(with_gps(content, gps_tags(point(), ORIGIN))).latitude_deg == pytest.approx(
         -33.124167, abs=1e-6
     )
 

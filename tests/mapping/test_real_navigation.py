@@ -16,8 +16,8 @@ import pytest
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
 from calibration import Camera, StereoRig
-from calibration.field_checks.conventions import resolve_convention
 from calibration.formats import load_rig, native
+from calibration.verification.conventions import resolve_convention
 from stereo_seecolor.checks.sample import read_both
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig, MappingConfig, RunConfig

@@ -22,7 +22,7 @@ from stereo_seecolor.mapping.surface.small_holes import boundary, closed
 from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
-from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, clustered
+from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, cluster_vertices
 from stereo_seecolor.report.mesh_levels import levels as made_levels
 
 
@@ -292,7 +292,7 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
 def test_a_coarse_mesh_lies_on_the_fine_one() -> None:
     mesh = hills()
     part = Numbered(mesh.points_m, mesh.colors, np.arange(3600), mesh.rim, mesh.triangles)
-    coarse = clustered(part, 0.03, mesh.points_m.min(axis=0).astype(float))
+    coarse = cluster_vertices(part, 0.03, mesh.points_m.min(axis=0).astype(float))
     assert len(coarse.points_m) < 600
     x, y = coarse.points_m[:, 0] - 5, coarse.points_m[:, 1] + 3
     assert abs(coarse.points_m[:, 2] - 0.1 * np.sin(9 * x) * np.cos(7 * y)).max() < 0.01

@@ -91,8 +91,8 @@ def test_kills_at_random_instants_change_nothing(finished_run, make_dive, tmp_pa
 KILLED_AT_THE_END = """
 import os, signal, sys
 from stereo_seecolor.cli import main
-from stereo_seecolor.commands import reported_run
-reported_run.write_reports = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+from stereo_seecolor.commands import run_session
+run_session.write_reports = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 main()
 """
 

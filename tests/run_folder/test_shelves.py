@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.run_folder import layout

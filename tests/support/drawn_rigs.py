@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import Matches, explain
-from calibration.field_checks.rigid_motion import SeenTwice
 from calibration.geometry import RectifiedPair
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig
+from calibration.verification.matches import Matches
+from calibration.verification.rigid_motion import SeenTwice
+from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 SIZE = (960, 720)

@@ -56,7 +56,7 @@ ALIASES = {
 """Thing -> its spellings; * stands for more letters."""
 
 
-def spelled(said: Iterable[str], *things: str) -> set[str]:
+def words_for(said: Iterable[str], *things: str) -> set[str]:
     """The words among these that name one of the things."""
     return {word for word in said if any(ALIASES[thing].fullmatch(word) for thing in things)}
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from calibration.formats.reading.aliases import SIDES, spelled
+from calibration.formats.reading.aliases import SIDES, words_for
 from calibration.formats.reading.leaves import (
     LEAST_FOCAL_PX,
     Leaf,
@@ -93,16 +93,16 @@ COUNTS = {
 """What a part holds -> what it is, and its counts of numbers."""
 
 
-def miscounted(content: Mapping[str, Any]) -> str:
+def describe_miscount(content: Mapping[str, Any]) -> str:
     """The first key that names a lens or a place, with how many numbers it holds, where none has so
     many; "" without one.
     """
     for leaf in leaves(content):
         said = words(leaf.path[-1])
-        if spelled(said, "distortion", "size") or _role(leaf) or _is_of_sensor(leaf, False):
+        if words_for(said, "distortion", "size") or _role(leaf) or _is_of_sensor(leaf, False):
             continue
         for fact, (names, counts) in COUNTS.items():
-            if spelled(said, *names) and leaf.numbers.size not in counts:
+            if words_for(said, *names) and leaf.numbers.size not in counts:
                 key = ".".join(leaf.path)
                 return f"{key} holds {leaf.numbers.size} numbers, and {fact}"
     return ""
@@ -150,7 +150,7 @@ def _marks(role: Role, leaf: Leaf) -> tuple[str, ...]:
         said = list(words(key))
         if "cnm" in said:  # Kalibr's T_cn_cnm1, of the camera before
             continue
-        if role == "R" and spelled(said, "rotation") == {"r"}:
+        if role == "R" and words_for(said, "rotation") == {"r"}:
             said.remove("r")
         if marks := side_marks(tuple(said)):
             return marks
@@ -164,12 +164,14 @@ def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
     """
     for key in reversed(leaf.path):
         said = words(key)
-        sensors = spelled(said, "sensor")
+        sensors = words_for(said, "sensor")
         of_camera = any(word[:3] == "cam" or word == "c" for word in said)
         # the r of a rotation is no side
         of_side = bool({"left", "right"} & {*side_marks(tuple(w for w in said if len(w) > 1))})
         if sensors:
-            return not (sided and (of_camera or (of_side and sensors == spelled(sensors, "body"))))
+            return not (
+                sided and (of_camera or (of_side and sensors == words_for(sensors, "body")))
+            )
         if of_camera or of_side:
             return False
     return False
@@ -177,18 +179,18 @@ def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
 
 def _role(leaf: Leaf) -> Role | None:
     every = [words(key) for key in leaf.path]
-    ignored = spelled({word for said in every for word in said}, "no part")
-    of_body = leaf.numbers.size > 9 and ignored == spelled(ignored, "body")
+    ignored = words_for({word for said in every for word in said}, "no part")
+    of_body = leaf.numbers.size > 9 and ignored == words_for(ignored, "body")
     if ignored and not (of_body and as_transform(leaf.numbers) is not None):
         return None
-    naming = [set(said) for said in reversed(every) if set(said) - spelled(said, "nothing")]
+    naming = [set(said) for said in reversed(every) if set(said) - words_for(said, "nothing")]
     said = naming[0] if naming else set()
     if leaf.numbers.size in (12, 16) and _leads_from_camera(every[-1]):
         return "body" if as_transform(leaf.numbers) is not None else None
     if (
         len(naming) > 1
-        and not said - SIDES.keys() - spelled(said, "nothing")
-        and spelled(naming[1], *OF_CAMERA)
+        and not said - SIDES.keys() - words_for(said, "nothing")
+        and words_for(naming[1], *OF_CAMERA)
     ):
         said = naming[1]  # ``dist_coeffs: {left: ..., right: ...}``
     if {"camera", "matrix"} <= set(every[-1]):
@@ -198,55 +200,55 @@ def _role(leaf: Leaf) -> Role | None:
 
 def _role_by(said: set[str], numbers: Numbers) -> Role | None:
     count = numbers.size
-    of_rotation = bool(spelled(said, "rotation"))
-    if count > 3 and spelled(said, "distortion") and not spelled(said, "rectified images"):
+    of_rotation = bool(words_for(said, "rotation"))
+    if count > 3 and words_for(said, "distortion") and not words_for(said, "rectified images"):
         return "D"
-    if count == 4 and (spelled(said, "quaternion") or (of_rotation and _is_unit(numbers))):
+    if count == 4 and (words_for(said, "quaternion") or (of_rotation and _is_unit(numbers))):
         return "R"
     if count == 9:
         return _role_of_nine(said, numbers, of_rotation)
     if count == 3:
         return _role_of_three(said, of_rotation)
-    if count == 12 and spelled(said, "projection"):
+    if count == 12 and words_for(said, "projection"):
         return "P"
     if count in (12, 16):
-        of_rig = spelled(said, "transform", "body") or side_marks(tuple(said))
+        of_rig = words_for(said, "transform", "body") or side_marks(tuple(said))
         return "pose" if of_rig and as_transform(numbers) is not None else None
     if count == 1:
-        return "baseline" if spelled(said, "baseline") else None
-    if count == 2 and spelled(said, "size"):
+        return "baseline" if words_for(said, "baseline") else None
+    if count == 2 and words_for(said, "size"):
         return "size"
-    of_lens = spelled(said, "camera matrix") and not spelled(said, "distortion")
+    of_lens = words_for(said, "camera matrix") and not words_for(said, "distortion")
     return "K" if count == 4 and of_lens else None
 
 
 def _role_of_three(said: set[str], of_rotation: bool) -> Role | None:
     if "shape" in said:
         return "size"  # rows, columns, channels
-    if spelled(said, "place"):
+    if words_for(said, "place"):
         return "place"
-    if spelled(said, "angles"):
+    if words_for(said, "angles"):
         return "angles"
-    of_translation = spelled(said, "translation")
+    of_translation = words_for(said, "translation")
     return "R" if of_rotation and not of_translation else "T" if of_translation else None
 
 
 def _is_named(role: Role, leaf: Leaf) -> bool:
     """Tell whether a word says that a leaf is a rotation; true for other roles."""
     said = {word for key in leaf.path for word in words(key)}
-    return role != "R" or bool(spelled(said, "rotation"))
+    return role != "R" or bool(words_for(said, "rotation"))
 
 
 def _role_of_nine(said: set[str], numbers: Numbers, of_rotation: bool) -> Role | None:
     if any(word.startswith("rect") for word in said) and not _is_lens(numbers):
         return "R"
-    if spelled(said, "rectified images"):
+    if words_for(said, "rectified images"):
         return None
     if _is_lens(numbers):
         return "K"
     if is_rotation(numbers):
         return "R"
-    of_lens = spelled(said, "camera matrix") or {"camera", "matrix"} <= said
+    of_lens = words_for(said, "camera matrix") or {"camera", "matrix"} <= said
     return "K" if of_lens else "R" if of_rotation else None
 
 
@@ -275,7 +277,7 @@ def _lens_alone(leaf: Leaf) -> Leaf:
     lens = matrix[:3, :3].ravel()
     bare = not matrix[:3, 3].any() and matrix[3:].ravel().tolist() in ([], [0, 0, 0, 1])
     said = {word for key in leaf.path[-1:] for word in words(key)}
-    if bare and _is_lens(lens) and not spelled(said, "projection"):
+    if bare and _is_lens(lens) and not words_for(said, "projection"):
         return Leaf(leaf.path, lens)
     return leaf
 
@@ -284,12 +286,12 @@ def _leads_from_camera(said: tuple[str, ...]) -> bool:
     """Tell whether a transform's key says from the camera's axes to those of a body or the world:
     ``T_body_cam``, ``cam_to_world``, ``T_BS``.
     """
-    if spelled(said, "transform from a camera"):
+    if words_for(said, "transform from a camera"):
         return True
     axes = [
-        "common" if spelled([word], "body") else "camera"
+        "common" if words_for([word], "body") else "camera"
         for word in said
-        if spelled([word], "body") or word[:3] == "cam" or word == "c"
+        if words_for([word], "body") or word[:3] == "cam" or word == "c"
     ]
     return axes == (["camera", "common"] if "to" in said else ["common", "camera"])
 

@@ -21,7 +21,7 @@ from calibration.formats.reading.aliases import (
     SHORT_PAIRS,
     SIDES,
     TWO_SIDES,
-    spelled,
+    words_for,
 )
 from calibration.geometry import rotation_of_quaternion
 
@@ -81,7 +81,7 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
     names = (
         str(value)
         for key, value in content.items()
-        if isinstance(value, (str, int)) and spelled(words(str(key)), "name of a camera")
+        if isinstance(value, (str, int)) and words_for(words(str(key)), "name of a camera")
     )
     if name := next((name for name in names if side_marks(words(name))), ""):
         path = (*path, name)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.reading.aliases import METERS, spelled
+from calibration.formats.reading.aliases import METERS, words_for
 from calibration.formats.reading.finder import Parts, Role, Side, as_transform, is_rotation
 from calibration.formats.reading.leaves import Leaf, texts, words
 from calibration.formats.reading.section import Section
@@ -120,7 +120,7 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
 def _is_between(leaf: Leaf, side: Side) -> bool:
     """Tell whether a transform's keys name what it is between, or there is but one key."""
     said = {word for key in leaf.path for word in words(key)}
-    return side != "" or len(leaf.path) == 1 or bool(spelled(said, "both cameras"))
+    return side != "" or len(leaf.path) == 1 or bool(words_for(said, "both cameras"))
 
 
 def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:

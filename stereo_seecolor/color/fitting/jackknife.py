@@ -1,8 +1,8 @@
-"""Standard errors of a dive's water from its parts: the water is fitted again without each part.
+"""Standard errors of the water of a dive: the water is fitted again without each part of the dive.
 
-The errors of one fit assume how much content differs from range to range. The jackknife measures it
-(Efron 1982; blocks of neighboring frames as in Kuensch, Annals of Statistics 17, 1989): frames that
-follow each other show the same reef, so that blocks are left out, not frames.
+The errors of one fit assume how much the scene differs between ranges. The jackknife measures it
+(Efron 1982; blocks of neighboring frames as in Kuensch, Annals of Statistics 17, 1989). Blocks are
+left out, not frames, because consecutive frames show the same reef.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,25 +19,27 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
 LEAST, MOST = 4, 10
-"""Blocks: fewer give no error worth stating, more cost time."""
+"""Least and most blocks: with fewer the error is not reliable, more take time."""
 LEAST_VARIANCE = 1e-12
-"""Of a logarithm: errors that a user stated need not be those of three numbers that sum to 0."""
+"""Least variance of a logarithm: the errors that a user stated may not be possible for three
+numbers that sum to 0.
+"""
 NAMES = ("y", "w", "beta", "gamma_inf", "white")
 
 
 def with_errors_of_blocks(
     water: Water, whole: MomentTable, blocks: Iterable[MomentTable], config: ColorConfig
 ) -> Water:
-    """Give a water the errors that blocks of the dive show, where these are larger than its own.
+    """Set the standard errors of a water to the jackknife errors, where these are larger.
 
     Args:
         water: Fitted to ``whole``.
         whole: The sum of the blocks.
-        blocks: Of neighboring frames, at most MOST, one at a time.
+        blocks: Tables of blocks of neighboring frames, at most MOST, one at a time.
         config: Settings of the color stage.
 
     Returns:
-        The water. Errors that the fit does not state (NaN) stay unknown.
+        The water. Unknown errors (NaN) stay unknown.
     """
     if not water.standard_errors or config.method != "robust":
         return water

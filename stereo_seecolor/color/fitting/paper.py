@@ -3,11 +3,12 @@ trained by Adam.
 
     I = B(z) + D,  D = A(z) J
 
-The first network is B(z), trained to leave D small but not negative; the second is A(z), trained to
-give J = D / A the contrast of D, a mean of a half, and nothing above full scale. A 1x1 convolution
-of a range map is a product, so the networks are the functions of ``water.physics`` with raw weights
-before a sigmoid or a softplus. A loss is a sum over pixels of a function of channel, range and
-value: running sums of a moment table give it and its gradient exactly, without a pixel
+The first network is B(z), trained to leave D small but not negative; the second is A(z), trained so
+that J = D / A has the contrast of D, a mean of a half, and no values above full scale. A 1x1
+convolution of a range map is a product, so the networks are the functions of ``water.physics`` with
+raw weights before a sigmoid or a softplus. A loss is a sum over pixels of a function of channel,
+range and
+value: running sums of a moment table give its exact value and gradient without the pixels
 (docs/lab/theory.md).
 """
 
@@ -30,7 +31,7 @@ from stereo_seecolor.water import physics
 BACKSCATTER, ATTENUATION = ("gamma_inf", "beta", "eta", "alpha"), ("w", "v", "y", "x")
 """The four weights a channel of each network."""
 FRACTIONS = ("gamma_inf", "eta")
-"""Weights that are fractions of full scale; all others are rates, 1/m."""
+"""Weights that are fractions of full scale; the others are rates, 1/m."""
 COLD = {
     "gamma_inf": 0.1,
     "beta": 0.2,
@@ -43,19 +44,20 @@ COLD = {
 }
 """The water before any training: thin backscatter, attenuation of 0.2 per meter."""
 LEAST = 1e-6
-"""Fractions stay this far inside (0, 1), rates above it: raw weights are finite."""
+"""Fractions stay at least this far from 0 and 1, rates above it, so that raw weights are finite."""
 CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to so many standard deviations about its mean (row 5)."""
 PENALTY = 1000.0
-"""k of the backscatter loss: what a negative direct signal costs against a positive one (row 5)."""
+"""k of the backscatter loss: cost of a negative direct signal relative to a positive one (row 5).
+"""
 LEARNING_RATE = 0.03
 """Adam's."""
 TARGET = 0.5
 """Mean of a corrected channel in the intensity loss, fraction of full scale (row 6)."""
 LEAST_VARIANCE = 1e-24
-"""Under the root of a standard deviation: gives an image of one color a gradient."""
+"""Added under the root of a standard deviation, so that an image of one color has a gradient."""
 LEAST_TRANSMISSION = 1e-26
-"""A below which it counts as this: its inverse is finite, far above any useful gain."""
+"""Least A: its inverse is finite, far above any useful gain."""
 
 
 def fit(
@@ -65,10 +67,18 @@ def fit(
     start: Water | None = None,
     until_s: float | None = None,
 ) -> Water:
-    """The water after ``config.iterations`` steps; ``iterations_per_frame`` from a start.
+    """Train the networks: ``config.iterations`` steps, ``iterations_per_frame`` from a start.
 
-    table: of at least one pixel. start: the water of a frame of the same scene. until_s: time of
-    ``time.perf_counter`` after which no further step begins; one is always taken.
+    Args:
+        table: The moment table, with at least one pixel.
+        config: Settings of the method.
+        encoding: Encoding of the values of the table.
+        start: The water of a frame of the same scene.
+        until_s: Time of ``time.perf_counter`` after which no further step begins; there is at least
+            one step.
+
+    Returns:
+        The water of the last weights, without standard errors.
     """
     with one_thread():
         training = Training(table, config, encoding, start)
@@ -80,7 +90,7 @@ def fit(
 
 
 class Training:
-    """Both networks on one moment table. ``water`` may be asked for after any step."""
+    """The training of both networks on one moment table; ``water`` is available after any step."""
 
     def __init__(
         self,
@@ -99,7 +109,7 @@ class Training:
         self._attenuation = Adam(raw_weights(ATTENUATION, start), LEARNING_RATE)
 
     def step(self) -> None:
-        """One step of Adam for each network; attenuation is trained on what the other leaves."""
+        """Make one step of Adam for each network; attenuation is trained on the direct signal."""
         sums, raw = self._sums, self._backscatter.weights
         self._backscatter.step(
             backscatter_loss(sums, backscatter(raw, sums.z, self._config.final_sigmoid), PENALTY)
@@ -112,7 +122,7 @@ class Training:
 
     @property
     def water(self) -> Water:
-        """The water of the present weights."""
+        """Return the water of the present weights."""
         final = self._config.final_sigmoid
         values = (
             *_values(self._backscatter.weights.detach(), final),
@@ -126,7 +136,8 @@ class Training:
 
 
 def backscatter(raw: Tensor, z: Tensor, final_sigmoid: bool = False) -> Tensor:
-    """The backscatter network (fig. backscatter-net): (3, L), of weights (4, 3, 1) at (L,) ranges.
+    """Compute the backscatter network (fig. backscatter-net): (3, L), of weights (4, 3, 1) at (L,)
+    ranges.
 
     final_sigmoid: the sigmoid is the last layer, as printed, and gamma_inf and eta have any sign.
     """
@@ -135,7 +146,9 @@ def backscatter(raw: Tensor, z: Tensor, final_sigmoid: bool = False) -> Tensor:
 
 
 def attenuation(raw: Tensor, z: Tensor) -> Tensor:
-    """The attenuation network (fig. attenuation-net): (3, L), of (4, 3, 1) at (L,) ranges."""
+    """Compute the attenuation network (fig. attenuation-net): (3, L), of (4, 3, 1) at (L,)
+    ranges.
+    """
     return cast(Tensor, physics.attenuation(z, *softplus(raw)).clamp(min=LEAST_TRANSMISSION))
 
 
@@ -146,7 +159,9 @@ def _values(raw: Tensor, final_sigmoid: bool) -> tuple[Tensor, ...]:
 
 
 def raw_weights(names: tuple[str, ...], water: Water | None) -> Tensor:
-    """(4, 3, 1) weights before a sigmoid or softplus, of the water's parameters or of COLD."""
+    """Convert parameters of a water, or of COLD, to weights before sigmoid or softplus: (4, 3,
+    1).
+    """
 
     def raw(name: str) -> NDArray[np.float64]:
         value = np.full(3, COLD[name]) if water is None else getattr(water, name)
@@ -170,7 +185,7 @@ class Adam:
         self._mean, self._square = torch.zeros_like(weights), torch.zeros_like(weights)
 
     def step(self, loss: Tensor) -> None:
-        """One step down the gradient of this loss."""
+        """Make one step down the gradient of this loss."""
         (gradient,) = torch.autograd.grad(loss, self.weights)
         self._steps += 1
         with torch.no_grad():
@@ -201,8 +216,8 @@ class Sums:
 
 
 def backscatter_loss(sums: Sums, veil: Tensor, penalty: float) -> Tensor:
-    """Mean of max(D, 0) - k min(D, 0), D = I - veil (3, L); penalty: k. Eq. bs-loss prints + k
-    min(D, 0), which rewards negative D.
+    """Compute the mean of max(D, 0) - k min(D, 0), D = I - veil (3, L); penalty: k. The paper
+    prints + k min(D, 0) (eq. bs-loss), which rewards negative D.
     """
     below = sums.under(veil)
     above = sums.total - below

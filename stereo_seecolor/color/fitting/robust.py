@@ -1,14 +1,13 @@
-"""The default fit: the water under which the same reef, dark to bright, is seen at every range.
+"""The default fit: the water for which the scene has the same colors at every range.
 
     quantile_p of channel c at range z = B_c(z) + white_c A_c(z) exp(reflectance_cp + brightness_z),
     B_c(z) = gamma_inf_c (1 - exp(-beta_c z)), A_c(z) = exp(-z (far_c + (near_c - far_c) exp(-z / 4
         m)))
 
-Content and light may change with range (brightness_z) as long as they change alike in all channels.
-Reflectances are nearly those of natural scenes, a little warm, and the brighter the nearer to gray.
-The water's prior is ``water_prior``, that of the rest in ``scene_colors``. All of this is one
-regularized least squares over some 20 ranges, solved by Gauss-Newton steps; the inverse of its
-curvature is the covariance.
+Content and light may change with range (brightness_z), equally in all channels. The prior of
+reflectances is that of natural scenes (``scene_colors``): a little warm, brighter ones closer to
+gray. The prior of the water is ``water_prior``. This is one regularized least-squares problem over
+some 20 ranges, solved by Gauss-Newton steps; the inverse of its curvature is the covariance.
 """
 
 from collections.abc import Sequence
@@ -33,30 +32,38 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RobustSettings:
-    """How quantiles are weighed and what counts as measured."""
+    """Weights of quantiles, and limits of warnings."""
 
     few_pixels: float = 200.0
-    """Quantiles of this many pixels weigh half: neighbors are often of one thing."""
+    """Quantiles of this many pixels have half the weight, because neighboring pixels often show one
+    object.
+    """
     nothing_learned: float = 0.9
-    """A standard error of at least this fraction of the prior's: the image added nothing."""
+    """With a standard error of at least this fraction of the prior's, the image adds no
+    information.
+    """
     little_relief: float = 1.2
-    """Farthest over nearest range; below, a fit's attenuation is dominated by the prior."""
+    """Ratio of farthest to nearest range; below it, the prior dominates the attenuation."""
     least_direct: float = 0.05
-    """Direct signal left at least at the start, fraction of the light: a logarithm needs some."""
+    """Least direct signal at the start, fraction of the light: its logarithm must be finite."""
     least_light: float = 1e-6
-    """Fraction of full scale by which a black image is scaled: a tenth of a 16-bit value."""
+    """Least scale of the light, fraction of full scale, for black images: a tenth of a 16-bit
+    value.
+    """
     red_highlights: float = 0.55
-    """Least excess of red of the brightest hundredth over the middle half, against natural scenes,
-    before a frame is warned of: logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit
-    particles or little light mostly at 0.5 to 1.3.
+    """Excess of red of the brightest hundredth over the middle half, relative to natural scenes,
+    that causes a warning: logarithm of R/B. FLSea and 3374 have -0.2 to 0.15, frames with lamp-lit
+    particles or little light mostly 0.5 to 1.3.
     """
 
 
 SETTINGS = RobustSettings()
 COLOR_AXES = np.array([[3**0.5, 0.0, -(3**0.5)], [1.0, -2.0, 1.0]]).T / 6**0.5
-"""(3, 2) orthonormal axes of colors: warm to cool, and green to magenta; brightness is across."""
+"""(3, 2) orthonormal axes of colors: warm to cool, and green to magenta; perpendicular to
+brightness.
+"""
 LEAST_PRECISION = 1e-6
-"""Of a logarithm along an axis: an image that says nothing of it."""
+"""Least precision of a logarithm along an axis: an image without information about it."""
 MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
 """The middle half and the brightest hundredth, among the nine quantiles."""
 RED_HIGHLIGHTS = (
@@ -67,18 +74,25 @@ RED_HIGHLIGHTS = (
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
-    """Fit the water, with standard errors, to a table of at least one pixel; warnings where the
-    table hardly determines it.
+    """Fit the water, with standard errors, to a moment table; add warnings if the table hardly
+    determines it.
 
-    start: water parameters to begin from; it changes the duration of the fit, not its result. The
-    white point's brightness is such that the brightest thousandth of a scene is near full scale at
-    exposure 1.
+    The brightness of the white point is such that the brightest thousandth of a scene is near full
+    scale at exposure 1.
+
+    Args:
+        table: The moment table, with at least one pixel.
+        config: Settings of the color stage.
+        start: Initial water parameters; they change the duration of the fit, not its result.
+
+    Returns:
+        The water, with standard errors (NaN where the image adds no information).
     """
     return fit_quantiles(quantiles_by_range(table, config.encoding), config, start)
 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
-    """``fit``, from the quantiles of a table."""
+    """Fit the water as ``fit`` does, to the quantiles of a table."""
     return fit_all([seen], config, [start])[0][0]
 
 
@@ -88,7 +102,9 @@ def fit_all(
     starts: Sequence[Water | None] = (),
     enough: float = 0.0,
 ) -> tuple[list[Water], NDArray[np.float64]]:
-    """``fit`` of several tables at once, and costs as of ``quality``. enough: of ``minimize``."""
+    """Fit several tables at once, as ``fit`` does, and compute costs as ``quality`` does. enough:
+    as in ``minimize``.
+    """
     begun = zip(several, starts or [None] * len(several), strict=True)
     problems, x = zip(*(_begin(seen, config.robust, start) for seen, start in begun), strict=True)
     found, curvature, costs = minimize(problems, x, enough)
@@ -125,7 +141,7 @@ def _begin(
 
 
 def scale_of(seen: RangeQuantiles) -> float:
-    """The brightest light, a fraction of full scale, against which the fit counts light."""
+    """Return the brightest light, fraction of full scale, which is the unit of light in the fit."""
     return max(float(seen.light[..., -2].max()), SETTINGS.least_light)
 
 
@@ -180,12 +196,13 @@ def _values(logarithms: NDArray[np.float64], scale: float) -> NDArray[np.float64
 def standard_errors(
     values: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(5, 3) marginal standard errors of (5, 3) y, w, beta, gamma_inf, white, to first order.
+    """Compute (5, 3) marginal standard errors of (5, 3) y, w, beta, gamma_inf, white, to first
+    order.
 
-    Of white those of its color: its brightness is exposure. covariance: (15, 15) of log far,
-    log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B. What two of them
-    share in a parameter is counted with their covariance: w = far (near / far - 1), gamma_inf =
-    (gamma_inf / white) white.
+    Those of white are of its color only, because its brightness is exposure. covariance: (15, 15)
+    of log far, log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B. The
+    errors of w = far (near / far - 1) and gamma_inf = (gamma_inf / white) white include the
+    covariance of both factors.
     """
     y, w, beta, gamma_inf, white = values
     by_logarithm = np.zeros((4, 5, 3))
@@ -201,7 +218,9 @@ def standard_errors(
 def correlated_covariance(
     curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int
 ) -> NDArray[np.float64]:
-    """(15, 15) covariance of the water if all quantiles of a range count as one."""
+    """Compute the (15, 15) covariance of the water if all quantiles of a range count as one
+    observation.
+    """
     size = len(precision)
     return np.asarray(
         np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[
@@ -213,12 +232,15 @@ def correlated_covariance(
 def error_with_cast(
     covariance: NDArray[np.float64], prior: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(3,) standard errors of the logarithm of the white point less its mean, where all of a scene
-    may be of one color.
+    """Compute (3,) standard errors of the logarithm of the white point less its mean, for scenes
+    with a color cast.
 
-    Quantiles of a scene have a cast in common, which no number of them averages away: what they say
-    of the white point is no more exact than the cast of the sea floor's scenes. covariance: (3, 3)
-    of the logarithms as if it were; prior: before any image.
+    All quantiles of a scene share its cast, which their mean does not remove. So their estimate of
+    the white point is not more exact than the cast of scenes of the sea floor.
+
+    Args:
+        covariance: (3, 3) of the logarithms without a cast.
+        prior: Before any image.
     """
     known, before, cast = (
         COLOR_AXES.T @ each @ COLOR_AXES for each in (covariance, prior, sea_floor().cast)
@@ -271,7 +293,9 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
 
 
 def parameters(water: Water, scale: float) -> Vector:
-    """(15,) logarithms of water parameters, in the order of ``x``, light over ``scale``."""
+    """Return (15,) logarithms of water parameters, in the order of ``x``, light divided by
+    ``scale``.
+    """
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(
         [
@@ -287,24 +311,30 @@ def parameters(water: Water, scale: float) -> Vector:
 
 @dataclass(frozen=True)
 class MisfitSettings:
-    """What counts as the same water."""
+    """Limits for a water that several frames share."""
 
     tolerance: float = 0.05
-    """Standard deviation of a shared water's logarithms between frames: not visible in a color."""
+    """Standard deviation of the logarithms of a shared water between frames: not visible in a
+    color.
+    """
     exposure: float = 2.0
-    """Standard deviation of the logarithm of a frame's exposure: it says nothing of the water."""
+    """Standard deviation of the logarithm of a frame's exposure: it contains no information about
+    the water.
+    """
 
 
 MISFIT_SETTINGS = MisfitSettings()
 ENOUGH = 0.1
-"""A step that lowers a cost by less is its last: costs are compared with limits of 25 and more."""
+"""A fit of costs ends with a step that lowers the cost by less: costs are compared with limits of
+25 and more.
+"""
 
 
 def quality(
     seen: Sequence[RangeQuantiles], settings: RobustConfig, waters: Sequence[Water]
 ) -> NDArray[np.float64]:
-    """(N,) least cost of each frame's quantiles under its water, at any exposure: half the squared
-    errors in standard deviations. waters: with attenuation far away (y) above 0.
+    """Compute the least cost (N,) of the quantiles of each frame under its water, at any exposure:
+    half the sum of squared errors in standard deviations. waters: with far attenuation (y) above 0.
     """
     begun = zip(seen, waters, strict=True)
     problems, x = zip(*(_begin(one, settings, shared=water) for one, water in begun), strict=True)

@@ -1,9 +1,9 @@
-"""Levenberg's damped Gauss-Newton steps for the robust fit, of many frames at once; derivatives of
-the water by autograd.
+"""Levenberg's damped Gauss-Newton steps for the robust fit, for many frames at once; autograd
+computes derivatives of the water.
 
 A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances
-(channel after channel), of G brightnesses. Every range of a channel gets its own copy of the
-channel's five numbers, so that the gradients of sum(log A white) and of sum(B) are the whole
+(channel after channel), of G brightnesses. Every range of a channel has its own copy of the five
+numbers of the channel, so that the gradients of sum(log A white) and of sum(B) are the whole
 Jacobian: two backward passes.
 """
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Steps:
-    """Levenberg's damped Gauss-Newton steps; weights are renewed after each."""
+    """Settings of the damped steps; weights are computed anew after each step."""
 
     most: int = 400
     """Most steps."""
@@ -38,16 +38,18 @@ class Steps:
     less_damping: float = 0.2
     """Factor after one that did."""
     most_damping: float = 1e6
-    """Largest damping: beyond, steps are too short to matter."""
+    """Largest damping: above it, steps are too short to matter."""
     least_damping: float = 1e-6
-    """Least damping: below, a step is nearly Gauss-Newton's."""
+    """Least damping: below it, a step is nearly a Gauss-Newton step."""
     converged: float = 1e-4
-    """A step down that moves no logarithm of the water by as much is the last."""
+    """The fit ends with a step that lowers the cost and changes all logarithms of the water by
+    less.
+    """
 
 
 STEPS = Steps()
 BRIGHTEST = 20.0
-"""Logarithm of light above which all counts as this: far above that of any image."""
+"""Largest logarithm of light, far above that of any image."""
 
 
 @dataclass(frozen=True)
@@ -56,30 +58,30 @@ class Noise:
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
     """Standard deviation of each quantile, dark to bright, as a fraction of the direct signal:
-    content differs from range to range, dark content most. In photographs with measured depth by
-    0.4 to 0.6 at the dark end, 0.1 to 0.2 at the bright one.
+    content differs between ranges, dark content most: in photographs with measured depth by 0.4 to
+    0.6 at the dark end, 0.1 to 0.2 at the bright one.
     """
     all: float = 0.05
     """Fraction of all light, backscatter included."""
     outlier: float = 2.0
-    """Standard deviations beyond which a quantile weighs less than half (Cauchy)."""
+    """Standard deviations beyond which a quantile has less than half its weight (Cauchy)."""
     odd: float = 4.0
-    """Mean squared error of all quantiles of a range, in variances, from which the range weighs
-    less (a fish, wrong ranges). Reefs reach 2. With 4 Sea-thru's picture of 2 to 15 m comes out
+    """Mean squared error of all quantiles of a range, in variances, above which the range gets less
+    weight (a fish, wrong ranges). Reefs reach 2. With 4, Sea-thru's frame of 2 to 15 m (real) is
     0.6 degrees better than with 2.5.
     """
     floor: float = 0.001
-    """Light that a camera's offset hides, against the brightest."""
+    """Light that the offset of a camera hides, relative to the brightest."""
     darker: float = 0.03
-    """Fraction by which backscatter may exceed the darkest quantile, which lies behind it."""
+    """Fraction by which backscatter may exceed the darkest quantile."""
 
     green_over_blue: float = 0.06
-    """1/m, most by which attenuation of green exceeds that of blue. Pure water absorbs 0.036 more
-    at 535 than at 460 nm (Pope, Fry 1997), and all else in the sea absorbs blue more. Cameras, and
-    daylight lost on its way down to what lies deeper, add some.
+    """1/m, largest excess of the attenuation of green over that of blue. Pure water absorbs 0.036
+    more at 535 than at 460 nm (Pope, Fry 1997), and all other substances in the sea absorb blue
+    more. Cameras, and the loss of daylight toward deeper parts of the scene, add to it.
     """
     rate: float = 0.01
-    """1/m, standard deviation beyond it."""
+    """1/m, standard deviation of a larger excess."""
 
 
 NOISE = Noise()
@@ -99,7 +101,7 @@ class FitProblem(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """cost (N,): with renewed weights; cost_before: with given ones. weights (N, 3, G, P). matrix
+    """cost (N,): with new weights; cost_before: with the given ones. weights (N, 3, G, P). matrix
     (N, n, n): Gauss-Newton's. slope (N, n): the gradient.
     """
 
@@ -110,7 +112,7 @@ class Normal(NamedTuple):
     slope: Tensor
 
     def where(self, better: Tensor, other: "Normal") -> "Normal":
-        """Frames of this where ``better`` (N,), those of ``other`` elsewhere."""
+        """Return the frames of this where ``better`` (N,) is True, those of ``other`` elsewhere."""
         chosen = (
             torch.where(better.view(-1, *(1,) * (a.dim() - 1)), a, b)
             for a, b in zip(self, other, strict=True)
@@ -131,7 +133,9 @@ class Batch:
 
     @classmethod
     def of(cls, problems: Sequence[FitProblem]) -> Self:
-        """Several problems, padded to most ranges by ranges without trust, which move nothing."""
+        """Combine several problems, padded to equal numbers of ranges by ranges of trust 0, which
+        have no effect.
+        """
         groups = max(len(problem.range_m) for problem in problems)
         parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
         z, light, clipped, trust, mean, precision = (
@@ -142,12 +146,12 @@ class Batch:
         )
 
     def at(self, keep: Tensor) -> Self:
-        """The problems of a mask (N,)."""
+        """Return the problems of a mask (N,)."""
         return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
     def normal(self, x: Tensor, odd: float, weights: Tensor | None = None) -> Normal:
-        """Costs and normal equations at x (N, n). odd: of ``Noise``. weights: of ``cost_before``;
-        None: renewed.
+        """Compute costs and normal equations at x (N, n). odd: as in ``Noise``. weights: of
+        ``cost_before``; None = new ones.
         """
         number, _, groups, quantiles = self.log_light.shape
         log_transmitted, veil, (by_a, by_b) = self._water(x)
@@ -233,9 +237,9 @@ class Batch:
 def minimize(
     problems: Sequence[FitProblem], start: Sequence[Array], enough: float = 0.0
 ) -> tuple[list[Array], list[Array], Array]:
-    """Parameters, Gauss-Newton matrices and costs at the minimum of each problem from its start.
+    """Minimize each problem from its start; return parameters, Gauss-Newton matrices and costs.
 
-    enough: a step down that lowers a cost by less is its last, where costs alone are wanted.
+    enough: the fit ends with a step that lowers the cost by less, if only costs are needed.
     """
     groups = max(len(problem.range_m) for problem in problems)
     padded = np.stack(

@@ -1,7 +1,7 @@
-"""Colors of the sea floor, and the prior of the robust fit that is made of them.
+"""Colors of the sea floor, from which the prior of the robust fit is computed.
 
-The colors are what cameras see, without water, of scenes that are mixed from published reflectance
-spectra. They are kept in ``scene_colors.json``, which ``benchmarks/spectra.py`` makes.
+The colors are those of cameras, without water, for scenes mixed from published reflectance spectra.
+``benchmarks/spectra.py`` computes them and writes ``scene_colors.json``.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,9 @@ COLORS = Path(__file__).with_name("scene_colors.json")
 class SceneColors:
     """Logarithms of R, G, B less their mean, at the nine quantiles of the sea floor.
 
-    mean: (3, 9). channels: (3, 3) covariance of the channels at one quantile, the mean over
-    quantiles, against the variance along the axis from warm to cool (R up, B down): from green to
-    magenta a color varies less. cast: (3, 3) covariance of what all quantiles of a scene have in
-    common.
+    mean: (3, 9). channels: (3, 3) covariance of the channels at one quantile, mean over quantiles,
+    relative to the variance along the axis from warm to cool (R up, B down): from green to magenta
+    colors vary less. cast: (3, 3) covariance of the part that all quantiles of a scene share.
     """
 
     mean: Array
@@ -34,6 +33,6 @@ class SceneColors:
 
 @lru_cache
 def sea_floor() -> SceneColors:
-    """The kept colors of all spectra."""
+    """Read the colors of all spectra."""
     kept = load_object(COLORS)
     return SceneColors(*(np.array(kept[name]) for name in ("mean", "channels", "cast")))

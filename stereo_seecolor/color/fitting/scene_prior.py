@@ -1,4 +1,6 @@
-"""The prior of the robust fit: reflectances and light, joined with the water (``water_prior``)."""
+"""The prior of the robust fit: reflectances and light, combined with the water
+(``water_prior``).
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,44 +21,44 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScenePrior:
-    """Logarithms of reflectance at the nine quantiles, dark to bright, against the brightest.
+    """Logarithms of reflectance at the nine quantiles, dark to bright, relative to the brightest.
 
     Numbers without a source were chosen on synthetic scenes of seeds below 100 (docs/lab/color.md).
     """
 
     reflectance: tuple[float, ...] = (0.003, 0.005, 0.013, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)
-    """Mean of a channel, as a fraction of the brightest thousandth's. With a darkest of 0.009
-    backscatter came out too low in every kind of water; with one of 0.001, too high over sand."""
+    """Mean of a channel, as a fraction of that of the brightest thousandth. With 0.009 for the
+    darkest, backscatter was too low in every kind of water; with 0.001, too high over sand.
+    """
     natural: tuple[float, float, float] = (0.2, 0.0, -0.25)
-    """Natural scenes are warm (logarithm against green). Coral sand is at 0.16, 0, -0.27; the mean
-    of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25.
+    """Natural scenes are warm (logarithm relative to green). Coral sand is at 0.16, 0, -0.27; the
+    mean of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25.
     """
     sea_floor: float = 0.5
-    """Share of the mean color of the sea floor's spectra (0.27, 0, -0.41 at the median), the rest
-    ``natural``. Drawn scenes of such spectra come out better with more, FLSea's white targets
-    yellower, by 0.1 to 0.2 degrees.
+    """Fraction of the mean color of the spectra of the sea floor (0.27, 0, -0.41 at the median);
+    the rest is ``natural``. With more, synthetic scenes of such spectra are better, and FLSea's
+    white targets yellower, by 0.1 to 0.2 degrees.
     """
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.75, 0.35, 0)
     """Fraction of ``natural`` at each quantile: the brightest are white, or reflections. With 0.9,
-    0.6, 0.25 FLSea's white targets were warm by 7 %, and drawn reefs, whose brightest are warm
-    sand, better by 0.5 degrees.
+    0.6, 0.25 FLSea's white targets were warm by 7 %, and synthetic reefs, whose brightest material
+    is warm sand, were better by 0.5 degrees.
     """
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
-    """Standard deviation from warm to cool about that: dark things have any color, bright ones
-    less. How channels vary together, and less from green to magenta, is that of the sea floor's
-    spectra (``scene_colors``).
+    """Standard deviation from warm to cool: dark objects have any color, bright ones are closer to
+    gray. The correlation of channels is that of the spectra of the sea floor (``scene_colors``).
     """
     alike: float = 0.2
-    """Correlation of the colors of neighboring quantiles, and its powers of those beyond: what is
-    strongly colored is so from dark to bright. In 30 photographs 0.8 to 0.95, which takes white
-    from the brightest alone and suits reefs less.
+    """Correlation of the colors of neighboring quantiles, and its powers for others: a strongly
+    colored scene is so from dark to bright. In 30 photographs 0.8 to 0.95; but then only the
+    brightest quantile determines white, and reefs are worse.
     """
     reflectance_all: float = 1.0
     """Standard deviation of a quantile's reflectance, all channels together."""
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0
-    """Precision that holds the mean brightness near 0: the overall brightness is exposure."""
+    """Precision of the mean brightness, which is 0: the overall brightness is exposure."""
 
 
 SCENE = ScenePrior()
@@ -64,12 +66,16 @@ SCENE = ScenePrior()
 
 @dataclass(frozen=True)
 class SetByUser:
-    """Variances of logarithms that the configuration sets."""
+    """Variances of the logarithms of values that the configuration sets."""
 
     value: float = 1e-6
-    """Variance of each value: a thousandth of it; keeps the covariance invertible."""
+    """Variance of each value: a standard deviation of a thousandth; keeps the covariance
+    invertible.
+    """
     white_brightness: float = 4.0
-    """Variance of the brightness of a set white point: a factor of 7, as exposure is free."""
+    """Variance of the brightness of a white point that the user sets: a factor of 7, because
+    exposure is free.
+    """
 
 
 SET = SetByUser()
@@ -77,7 +83,9 @@ SET = SetByUser()
 
 @lru_cache(maxsize=64)
 def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Matrix]:
-    """Mean and precision of all parameters, and the (15, 15) covariance of the water's."""
+    """Compute mean and precision of all parameters, and the (15, 15) covariance of the water
+    parameters.
+    """
     number = len(SCENE.reflectance)
     size = WATER + 3 * number + groups
     content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)
@@ -106,7 +114,9 @@ def _mean_color() -> Matrix:
 
 
 def deviations(covariance: Matrix) -> Matrix:
-    """(5, 3) standard deviations of covariance (15, 15); the white point's without their mean."""
+    """Compute (5, 3) standard deviations from the covariance (15, 15); those of the white point
+    without their mean.
+    """
     color = np.eye(3) - 1 / 3
     variances = np.diag(covariance).reshape(5, 3).copy()
     variances[4] = np.diag(color @ covariance[12:, 12:] @ color)

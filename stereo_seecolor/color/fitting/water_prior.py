@@ -1,11 +1,10 @@
 """The prior of the water: daylight that passed through Jerlov's water types, down to the reef and
 on to the camera.
 
-Spectra of many waters, depths and cameras are put through the equations of image formation
-(Akkaynak and Treibitz, CVPR 2018).
-Each gives the fifteen parameters of the model, and the prior is the Gaussian of these. So the fit
-of a scene with little relief is dominated by waters that exist, and its white point by light that
-such waters transmit.
+The equations of image formation (Akkaynak and Treibitz, CVPR 2018) convert spectra of many waters,
+depths and cameras to the fifteen parameters of the model. The prior is the Gaussian of these. So
+for a scene with little relief, the fit gives a water that exists, and a white point that such
+waters transmit.
 """
 
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid co
 WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
 RATE_OF_CHANGE = 0.25
-"""1/m: near becomes far over 4 m."""
+"""1/m: attenuation changes from near to far over 4 m."""
 LARGEST_LOG_NEAR = float(np.log1p(np.exp(2.0)))
 """Of log(near / far): up to near = (1 + e^2) far, 8.4 times far, less light arrives from farther
 away. The optical depth z (far + (near - far) exp(-z RATE_OF_CHANGE)) grows by far + (near - far)
@@ -35,18 +34,21 @@ away. The optical depth z (far + (near - far) exp(-z RATE_OF_CHANGE)) grows by f
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The waters, depths and cameras that the prior is the Gaussian of."""
+    """The waters, depths and cameras from which the Gaussian of the prior is computed."""
 
     samples: int = 256
-    """Twice as many move no mean by more than a fiftieth of its standard deviation."""
+    """Twice as many change means by at most a fiftieth of their standard deviations."""
     deepest_m: float = 15.0
-    """Largest depth of the scene below the surface, where it is not known,"""
+    """Largest depth of the scene below the surface, if it is unknown,"""
     most_optical_depth: float = 2.0
-    """if daylight has at most this optical depth there at its clearest: deeper, lamps are used."""
+    """if daylight has at most this optical depth there in its clearest channel: at larger depths
+    divers use lamps.
+    """
     least_scattering_per_m: float = 0.02
-    """Scattering of the clearest water type, whose table gives nearly none."""
+    """Scattering of the clearest water type, for which the table has nearly none."""
     beam_scattering: float = 0.4
-    """Largest fraction of scattering that is lost to an image: most goes on nearly straight."""
+    """Largest fraction of scattering that an image loses: most light is scattered by small angles.
+    """
     peaks_nm: tuple[float, float, float] = (605.0, 535.0, 460.0)
     """Peaks of the filters R, G, B (Jiang et al., WACV 2013, their 28 cameras)."""
     widths_nm: tuple[float, float, float] = (30.0, 35.0, 30.0)
@@ -56,29 +58,29 @@ class Ensemble:
     width_fraction: float = 0.2
     """Largest difference of a camera's widths from these, as a fraction: a choice."""
     lit_above_m: float = 1.0
-    """The water between is lit at a depth within this of the bottom's."""
+    """The water between camera and bottom is lit as at a depth of at most this above the bottom."""
     scattering_reference_nm: float = 535.0
-    """Wavelength at which particles' scattering is stated; it goes with a power of 0 to -1."""
+    """Wavelength of the stated scattering by particles, which follows a power of 0 to -1."""
     gamma_inf: tuple[float, float] = (0.02, 12.0)
-    """Least backscatter against the white point, and the factor from least to most."""
+    """Least backscatter relative to the white point, and the factor from least to most."""
     seen_at_m: float = 2.0
-    """Range at which the backscatter of a spectrum becomes one rate."""
+    """Range at which one rate replaces the backscatter of a spectrum."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Standard deviations, of logarithms, of what the ensemble leaves out."""
+    """Standard deviations of logarithms, for variations that the ensemble does not contain."""
 
     rate_all: float = 0.4
     """Attenuation and backscatter rates of all channels together."""
     rate: float = 0.6
     """Both rates of a channel."""
     far: float = 0.1
-    """The attenuation of a channel apart from its backscatter rate."""
+    """The attenuation of a channel, independent of its backscatter rate."""
     beta: float = 0.2
-    """The backscatter rate of a channel apart from its attenuation."""
+    """The backscatter rate of a channel, independent of its attenuation."""
     near: float = 0.5
-    """Near attenuation against far."""
+    """Near attenuation relative to far."""
     gamma_inf_all: float = 0.5
     """Backscatter far away, all channels together."""
     gamma_inf: float = 0.3
@@ -86,7 +88,7 @@ class LeftOut:
     white: float = 0.15
     """White point of a channel: a camera's own balance."""
     exposure: float = 2.0
-    """White point of all channels together: nothing is known of the exposure."""
+    """White point of all channels together: the exposure is unknown."""
 
 
 ENSEMBLE, LEFT_OUT = Ensemble(), LeftOut()
@@ -94,13 +96,15 @@ ENSEMBLE, LEFT_OUT = Ensemble(), LeftOut()
 
 @lru_cache
 def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
-    """Mean (15,) and covariance (15, 15) of log far, log(near / far), log beta, log(gamma_inf /
-    white), log white, each R, G, B.
+    """Compute mean (15,) and covariance (15, 15) of log far, log(near / far), log beta,
+    log(gamma_inf / white), log white, each R, G, B.
 
-    a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is known up to the exposure, which is
-    given a wide spread.
-    depth_m: how far below the surface the scene lies, where known; else anything from the surface
-    to where little red is left.
+    a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is determined up to the exposure,
+    which has a wide distribution.
+
+    Args:
+        depth_m: Depth of the scene below the surface, m; None = any depth from the surface to where
+            little red remains.
     """
     samples = np.stack([_water(draw, depth_m) for draw in low_discrepancy(ENSEMBLE.samples, 10)])
     return samples.mean(axis=0), np.cov(samples.T) + _left_out()
@@ -134,7 +138,7 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
         else depth_m
     )
     sunlight = np.exp(-kd * depth_m)
-    channels = drawn_camera(draw[3:7])
+    channels = random_camera(draw[3:7])
     white = channels @ sunlight
     transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
     fall, far = np.polyfit(
@@ -168,8 +172,12 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     )
 
 
-def drawn_camera(draw: Vector) -> NDArray[np.float64]:
-    """(3, wavelengths) filters of unit sum. draw: (4,) in [0, 1), for peaks and widths."""
+def random_camera(draw: Vector) -> NDArray[np.float64]:
+    """Compute (3, wavelengths) filters of unit sum.
+
+    Args:
+        draw: (4,) random numbers in [0, 1), for peaks and widths.
+    """
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
     widths = np.array(ENSEMBLE.widths_nm) * (
         1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3]
@@ -179,7 +187,9 @@ def drawn_camera(draw: Vector) -> NDArray[np.float64]:
 
 
 def low_discrepancy(number: int, dimensions: int) -> NDArray[np.float64]:
-    """(number, dimensions) points that fill the unit cube evenly (Kronecker's sequence)."""
+    """Compute (number, dimensions) points that fill the unit cube uniformly (Kronecker's
+    sequence).
+    """
     ratio = 1.5
     for _ in range(40):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

@@ -1,1 +1,1 @@
-"""Lights, exposure and points seen from several frames."""
+"""Light, exposure, and patches of the reef that several frames show."""

@@ -1,11 +1,10 @@
-"""The color of the light's pattern, solved a second time after the water is removed from the
-observations.
+"""The color of the pattern of light, solved again after the water is removed from the observations.
 
-Where range depends on the place in the image (borders are farther than the middle), differences
-between views of a spot are divided between the pattern and the trend with range. The trend is then
-left to the water, but the fitted water removes another trend, and backscatter: views that agreed
-differ again, and borders get another color than the middle. So the water is fitted to the
-observations, as it will be to the images, and the color that it leaves is added to the pattern.
+If range depends on the position in the image (borders are farther than the middle), both the
+pattern and the trend with range explain differences between views of a spot. The trend is left to
+the water, but the fitted water removes another trend, and backscatter: views that agreed differ
+again, and borders get another color than the middle. So the water is fitted to the observations, as
+it is later to the images, and the remaining color is added to the pattern.
 """
 
 from collections.abc import Sequence
@@ -28,39 +27,39 @@ from stereo_seecolor.records import Water
 
 Array = NDArray[np.float64]
 LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
-"""Prior of the pattern's remaining color: a few percent, and no trend with range, which was removed
-with the water. With 0.05 two of eight drawn dives gain less and one loses; with 0.2 the evidence is
-for no dive.
+"""Prior of the remaining color of the pattern: a few percent, and no trend with range, which was
+removed with the water. With 0.05 two of eight synthetic dives improve less and one gets worse; with
+0.2 the evidence supports the pattern in no dive.
 """
 USES = (
     LightTerms(gains=True),
     LightTerms(pattern=True, gains=True),
     LightTerms(pattern=True, ranged=True, gains=True),
 )
-"""Frames keep gains of their own here, which are not used: else a slope along the track follows
-what the water is off by from one altitude to the next (drawn dives: 10 % of pattern in color
-instead of 4).
+"""Each frame has a gain here, which is not used: without it, a slope along the track follows the
+error of the water between altitudes (synthetic dives: 10 % of pattern in color instead of 4).
 """
 LINEAR = ColorConfig(input_encoding="linear")
 FULL = 65535
-"""Full scale of the observations' light where it is counted."""
+"""Full scale of the light of observations in the moment table."""
 
 
 def refit_color_after_water(
-    found: SurveyLight,
+    survey_light: SurveyLight,
     windows: Sequence[SeenWindow],
     names: Sequence[str],
     size: tuple[int, int],
     recorded: Array | None = None,
 ) -> SurveyLight:
-    """The light with the color of its pattern solved again after the water is removed.
+    """Solve the color of the pattern again after the water is removed; return the light.
 
-    Unchanged where color has no pattern, no change has more evidence, or no spot has light left.
+    It is unchanged if color has no pattern, no change has more evidence, or no spot has light after
+    the water is removed.
     windows, names, size, recorded: as given to ``solve_light``, which found the light.
     """
-    if not found.color.use.pattern:
-        return found
-    light, log_gains = found.solved, np.zeros(len(names)) if recorded is None else recorded
+    if not survey_light.color.use.pattern:
+        return survey_light
+    light, log_gains = survey_light.solved, np.zeros(len(names)) if recorded is None else recorded
     gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
     shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(
         -1, SHADING, 3
@@ -78,16 +77,16 @@ def refit_color_after_water(
     made = [left(*both) for both in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
     if not made:
-        return found
+        return survey_light
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
-    prior = LightPrior.unknown(LEFT, alike(found.crossed, len(windows)))
+    prior = LightPrior.unknown(LEFT, alike(survey_light.crossed, len(windows)))
     solved = min(
         (solve(made, colors, use, len(measured), prior) for use in USES),
         key=lambda solution: solution.misfit,
     )
     return replace(
-        found, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
+        survey_light, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
     )
 
 

@@ -1,7 +1,7 @@
-"""The change of one spot's color with range: a second measurement of the water.
+"""The change of the color of one spot with range: a second measurement of the water.
 
-The fit compares near with far pixels, and mistakes a difference in color of near corals and far
-sand for water. A spot that is seen from two ranges has one color.
+The fit compares near with far pixels, and mistakes a color difference between near corals and far
+sand for an effect of the water. A spot that is visible from two ranges has one color.
 """
 
 from dataclasses import dataclass, replace
@@ -16,18 +16,21 @@ from stereo_seecolor.records import Water
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.25
-"""Systematic error of a trend, as a power of the range, however well observations agree: gains and
-pattern take part of it, or add to it. On drawn dives with lamps, whose errors by the observations'
-scatter are 0.05 to 0.15, it is off by up to 0.4.
+"""Systematic error of a trend, as a power of the range: gains and pattern explain part of it, or
+add to it. On synthetic dives with lamps the error is up to 0.4, while the scatter of the
+observations implies 0.05 to 0.15.
 """
 MOST_BACKSCATTER = 0.8
-"""Fraction of a channel's light: a spot with more of it says nothing of attenuation."""
+"""Fraction of backscatter in the light of a channel; spots with more contain no information about
+attenuation.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ColorTrend:
-    """power: (3,) R, G, B of a spot go with range to this power, beside a common factor; mean 0.
-    error: standard error of each. range_m: where it was measured. light: (3,) of a spot there.
+    """power: (3,) R, G, B of a spot are proportional to range to this power, times a common factor;
+    mean 0. error: standard error of each. range_m: range of the measurement. light: (3,) of a spot
+    there.
     """
 
     power: Array
@@ -36,7 +39,7 @@ class ColorTrend:
     light: Array
 
     def content(self) -> dict[str, Any]:
-        """The trend as JSON."""
+        """Convert to JSON."""
         return {
             "power": self.power.tolist(),
             "error": self.error,
@@ -46,7 +49,7 @@ class ColorTrend:
 
     @classmethod
     def from_content(cls, content: Any) -> "ColorTrend":
-        """The trend from JSON. Raises ValueError, KeyError or TypeError for anything else."""
+        """Convert from JSON. Raises ValueError, KeyError or TypeError for other content."""
         power, light = (
             np.array(content[name], np.float64).reshape(3) for name in ("power", "light")
         )
@@ -54,9 +57,9 @@ class ColorTrend:
 
 
 def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
-    """The water with the mean of its attenuation and the trend's, weighted by variance; colors at
-    the trend's range do not change. Brightness is left: lamps have part in it. Waters of the
-    paper's method are unchanged.
+    """Combine attenuations of water and trend: their mean, weighted by variance; colors at the
+    range of the trend do not change. Brightness is unchanged, because lamps contribute to it.
+    Waters of the paper's method are unchanged.
     """
     if trend is None or water.x.any():
         return water

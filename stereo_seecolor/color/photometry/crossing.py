@@ -1,5 +1,5 @@
-"""How far the reef moves through the image in a dive. If it moves little, a spot's own shading
-cannot be told from the lamps'.
+"""The motion of the reef through the image in a dive. If it is small, the shading of a spot cannot
+be distinguished from that of the lamps.
 """
 
 from collections.abc import Sequence
@@ -13,35 +13,42 @@ from stereo_seecolor.color.photometry.observations import SeenWindow
 
 @dataclass(frozen=True)
 class CrossingSettings:
-    """In sizes of the picture. Cross-validated on a real dive of 20 frames: patterns of parts of 2
-    to 10 frames, applied to the frames outside.
+    """In image sizes. Cross-validated on a real dive of 20 frames: patterns from parts of 2 to 10
+    frames, applied to the other frames.
     """
 
     correlated: float = 10.0
-    """Observations that count as one: neighbors share a caustic and errors of range and pose."""
+    """Number of observations that count as one: neighbors share a caustic and errors of range and
+    pose.
+    """
     whole: float = 1.5
-    """Motion below which more observations count as one, in inverse proportion. Three neighboring
-    frames cross 0.3: their pattern of luminance left 0.84 to 1.22 of the spread of other frames
-    with 10 alike, with 50 it leaves 0.84 to 0.94.
+    """Motion below which more observations count as one, in inverse proportion. The reef moves by
+    0.3 in three neighboring frames: with 10 observations as one, their pattern of luminance leaves
+    0.84 to 1.22 of the spread of other frames, with 50 0.84 to 0.94.
     """
     color: float = 1.0
-    """Least for a pattern of color: with less, other frames got worse (1.5 times at 0.3)."""
+    """Least motion for a pattern of color: with less, other frames got worse (1.5 times at 0.3)."""
 
 
 CROSSING_SETTINGS = CrossingSettings()
 
 
 def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> float:
-    """The reef's motion from each window's first frame to the nearest other, in image
-    sizes.
+    """Sum the motion of the reef from the first frame of each window to the nearest other one, in
+    image sizes.
 
-    size: (width, height) of the images that the observations' pixels are of.
+    size: (width, height) of the images of the observations.
     """
     return float(sum(_shift(window, size) for window in windows))
 
 
 def alike(crossed: float, windows: int) -> Alike:
-    """How many observations tell the same. crossed: of ``pictures_crossed``. windows: number."""
+    """Return the number of observations that count as one.
+
+    Args:
+        crossed: Result of ``pictures_crossed``.
+        windows: Their number.
+    """
     views = CROSSING_SETTINGS.correlated * max(
         1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
     )

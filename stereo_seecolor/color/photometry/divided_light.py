@@ -1,4 +1,4 @@
-"""Divides the light of a survey out of an image: each value becomes that under even light and the
+"""Divides an image by the light of a survey: each value becomes that under uniform light at the
 usual exposure.
 """
 
@@ -15,12 +15,14 @@ from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image, Map
 
 NODES = {8: 4096, 16: 65536}
-"""Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
+"""Number of steps of the logarithm of light, by bit depth: half a step is less than a quarter of a
+value.
+"""
 DARKEST = -12.0
-"""Logarithm of the darkest light told from black: 0.4 of the least linear value of 16 bits."""
+"""Logarithm of the darkest light above black: 0.4 of the least linear value of 16 bits."""
 
 MOST = SHAPE.most
-"""``SHAPE.most`` as a plain number, which compiled functions can read."""
+"""``SHAPE.most`` as a number for compiled functions."""
 
 
 class _Scale(NamedTuple):
@@ -33,12 +35,19 @@ class _Scale(NamedTuple):
 def divide_illumination(
     image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding
 ) -> Image:
-    """The image with the light's pattern and the frame's gain and shading divided out, at the same
-    bit depth.
+    """Divide an image by the pattern of the light and by the gain and shading of the frame.
 
-    range_m: (H, W) meters; where it is unknown, the pattern at the reference range is used.
-    Values above full scale are clipped. Values that the camera had clipped stay clipped, and the
-    other channels of such a pixel do not get darker: the pixel would change its color.
+    Values above full scale are clipped. Values that the camera clipped stay clipped, and the other
+    channels of such a pixel do not get darker, because the pixel would change its color.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) meters; unknown ranges use the pattern at the reference range.
+        light: The light of the frame.
+        encoding: Encoding of the values.
+
+    Returns:
+        The image under uniform light, at the same bit depth.
     """
     out = np.empty_like(image)
     log_range = light.light.log_range(range_m).astype(np.float32)

@@ -1,5 +1,5 @@
-"""A frame's camera exposure relative to others, from brightness at equal ranges: exposure scales
-reef and backscatter alike.
+"""The camera exposure of a frame relative to others, from brightness at equal ranges: exposure
+scales reef and backscatter equally.
 """
 
 from dataclasses import dataclass, replace
@@ -17,21 +17,23 @@ _PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Sums of light over channels and pixels of a range bin, and the pixels; (256,), they add."""
+    """Sums of light over channels and pixels of a range bin, and numbers of pixels, (256,); they
+    can be added.
+    """
 
     light: NDArray[np.floating]
     pixels: NDArray[np.signedinteger]
 
     @classmethod
     def of(cls, table: MomentTable, encoding: InputEncoding) -> "Brightness":
-        """The brightness of a table's pixels."""
+        """Compute the brightness of a table."""
         return cls(table.counts.sum(axis=0) @ decoded_bins(table.bit_depth, encoding), table.pixels)
 
     def __add__(self, other: "Brightness") -> "Brightness":
         return Brightness(self.light + other.light, self.pixels + other.pixels)
 
     def packed(self) -> bytes:
-        """The range bins that have pixels, as 9 bytes each: a dive has thousands of frames."""
+        """Pack the range bins that have pixels, 9 bytes each: a dive has thousands of frames."""
         bins = np.flatnonzero(self.pixels)
         packed = np.empty(bins.size, _PACKED)
         packed["range_bin"] = bins
@@ -41,7 +43,7 @@ class Brightness:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "Brightness":
-        """The brightness from ``packed``, in single precision, to which none may be added."""
+        """Unpack the brightness of ``packed``, in single precision; it cannot be added to."""
         packed = np.frombuffer(content, _PACKED)
         light, pixels = np.zeros(RANGE_BINS, np.float32), np.zeros(RANGE_BINS, np.int32)
         light[packed["range_bin"]], pixels[packed["range_bin"]] = packed["light"], packed["pixels"]
@@ -49,12 +51,14 @@ class Brightness:
 
     @property
     def stops(self) -> float:
-        """log2 of the mean light; -inf where there is none."""
+        """Return log2 of the mean light; -inf without light."""
         mean = self.light.sum() / max(int(self.pixels.sum()), 1)
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """Brightness over the reference's, averaged over common range bins; 1 without any."""
+        """Return the ratio of brightness to the reference, mean over common range bins; 1 without
+        any.
+        """
         both = (self.light > 0) & (reference.light > 0)
         if not both.any():
             return 1.0
@@ -68,8 +72,10 @@ class Brightness:
         )
 
 
-def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
-    """The table for a ``factor`` times shorter exposure: pixels move to the nearest value bin."""
+def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
+    """Convert a table to a ``factor`` times shorter exposure: pixels move to the nearest value
+    bin.
+    """
     light = decoded_bins(table.bit_depth, encoding)
     nearest = np.searchsorted(0.5 * (light[1:] + light[:-1]), light / factor)
     counts = np.zeros_like(table.counts)
@@ -79,7 +85,7 @@ def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> Mome
 
 
 def exposed(water: Water, factor: float) -> Water:
-    """The water as it looks at a ``factor`` times longer exposure."""
+    """Convert water parameters to a ``factor`` times longer exposure."""
     if water.final_sigmoid:
         return replace(
             water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor

@@ -1,13 +1,14 @@
-"""The shading of every frame: shadows and sunlight that move over the reef, as a smooth pattern of
-each frame's own.
+"""The shading of every frame: shadows and sunlight that move over the reef, as a smooth pattern for
+each frame.
 
     log I(frame, u, v) - log I(other, u', v') = S(frame; u, v) - S(other; u', v') + difference of
         their gains
 
-Waves, and whatever floats above, throw light and shadow as wide as a picture, which lie elsewhere
-on the reef in the next one. Where two frames show the same patches, medians over parts of the
-picture keep their difference; the shading of all frames follows from them in one banded system, as
-gains do (``gain_chain``). What stays in place on the reef no view tells from the reef's color.
+Waves and floating objects cause light and shadow as wide as an image, at another place on the reef
+in the next frame. For two frames that show the same patches, medians over parts of the image
+represent their difference; the shading of all frames follows from these in one banded system, like
+gains (``gain_chain``). Views cannot distinguish a shadow that stays in place from the color of the
+reef.
 """
 
 from collections.abc import Callable
@@ -28,27 +29,28 @@ from stereo_seecolor.robust_statistics import deviation_about_zero
 Array = NDArray[np.float64]
 Indices = NDArray[np.signedinteger]
 AT_ONCE = 50_000
-"""Differences whose equations are in memory at once."""
+"""Number of differences whose equations are in memory at the same time."""
 DENSE = 400
-"""Up to so many unknowns are solved densely: scipy's banded solver takes 0.2 s to load."""
+"""Largest number of unknowns of the dense solver: scipy's banded solver takes 0.2 s to load."""
 OWN = 1 + SHADING
-"""Unknowns of a frame: its gain and its shading."""
+"""Unknowns of a frame: gain and shading."""
 
 
 @dataclass(frozen=True)
 class ShadingSettings:
-    """How parts of pictures are compared and trusted."""
+    """Parts of images, and their weights."""
 
     parts: int = 4
-    """Parts of a picture along each side."""
+    """Parts of an image along each side."""
     least: int = 4
-    """Patches in a part, for its median to count."""
+    """Least patches in a part."""
     half: float = 10.0
-    """Patches with which a part weighs half of what it can."""
+    """Number of patches with which a part has half of its largest weight."""
     gain: tuple[float, float] = (0.3, 0.03)
-    """Standard deviation of a frame's gain of luminance and of color, as in the chain."""
+    """Prior standard deviation of the gain of a frame, of luminance and of color, as in the chain.
+    """
     outlier: float = 1.5
-    """Robust standard deviations beyond which a part weighs less than half (Cauchy)."""
+    """Robust standard deviations beyond which a part has less than half its weight (Cauchy)."""
     floor: float = 0.005
     """Least standard deviation of a part, logarithm."""
     rounds: int = 5
@@ -57,7 +59,7 @@ class ShadingSettings:
 
 SETTINGS = ShadingSettings()
 ACROSS = 127
-"""Steps of a place from the middle of a picture to its edge."""
+"""Steps of a position from the middle of an image to its edge."""
 PART = np.dtype(
     [
         ("i", "<i4"),
@@ -68,17 +70,18 @@ PART = np.dtype(
         ("patches", "u1"),
     ]
 )
-"""Part of frame i that frame j < i shows too: logarithm of i over j (luminance, color R, G, B), and
-where both see it. 21 bytes: a dive of 100,000 frames has five million of these.
+"""Part of frame i that frame j < i also shows: logarithm of i over j (luminance, color R, G, B),
+and its position in both. 21 bytes: a dive of 100,000 frames has five million of these.
 """
 Parts = NDArray[np.void]
 """(D,) of PART."""
 
 
 def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> Parts:
-    """The difference of frames (``pair``) in each part of the first's image: medians over patches.
+    """Compute the difference of two frames (``pair``) in each part of the first image: medians over
+    patches.
 
-    at: (N, 2) places of the patches in either image, -1..1. values: (N, 4), as of PART.
+    at: (N, 2) positions of the patches in either image, -1..1. values: (N, 4), as in PART.
     """
     part = np.clip(((at[0] + 1) / 2 * SETTINGS.parts).astype(int), 0, SETTINGS.parts - 1) @ (
         1,
@@ -94,7 +97,9 @@ def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> P
 
 
 def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
-    """(frames, SHADING, 3) coefficients, 0 where unknown. used: of luminance and of color."""
+    """Solve (frames, SHADING, 3) coefficients, 0 = unknown. used: whether luminance and color have
+    shading.
+    """
     solved = np.zeros((frames, SHADING, 3))
     if len(parts) and used[0]:
         solved += _solved(parts, 0, frames, SETTINGS.gain[0], LUMINANCE)[..., None]
@@ -106,13 +111,15 @@ def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
     return solved
 
 
-def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> NDArray[np.void]:
-    """The DIFFERENCE of whole frames less what the (F, SHADING, 3) shading explains."""
+def without_shading(
+    differences: NDArray[np.void], parts: Parts, shading: Array
+) -> NDArray[np.void]:
+    """Subtract the (F, SHADING, 3) shading from the differences (DIFFERENCE) of whole frames."""
     if not len(parts):
-        return found
-    frames, left = len(shading), found.copy()
+        return differences
+    frames, left = len(shading), differences.copy()
     pairs, part = np.unique(parts["i"].astype(np.int64) * frames + parts["j"], return_inverse=True)
-    pair = found["i"].astype(np.int64) * frames + found["j"]
+    pair = differences["i"].astype(np.int64) * frames + differences["j"]
     at = np.minimum(np.searchsorted(pairs, pair), len(pairs) - 1)
     patches = parts["patches"].astype(np.float64)
     luminance = shading.mean(axis=2, keepdims=True)
@@ -162,10 +169,11 @@ def solve_frames(
     frames: int,
     terms: Callable[[slice], tuple[Array, Array]],
 ) -> Array:
-    """(frames, K) unknowns of frames by weighted differences between them: least squares about 0.
+    """Solve (frames, K) unknowns of frames from weighted differences between them: least squares
+    with a prior mean of 0.
 
     pair: (D,) frames i > j. value, weight: (D,). prior: (K,) precisions. terms: (d, K) of i and of
-    j, for some of the differences.
+    j, for a slice of the differences.
     """
     reach, own = int((pair[0] - pair[1]).max()) + 1, len(prior)
     blocks, slope = np.zeros((reach, frames, own, own)), np.zeros((frames, own))

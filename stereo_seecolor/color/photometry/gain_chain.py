@@ -1,9 +1,9 @@
 """The gain of every frame of a dive, solved from the differences of neighboring frames that show
 the same patches.
 
-The pattern over the image and the trend with range have been solved before (in a long dive from a
-part of the frames). So two frames are described by one difference (of luminance, and of three
-channels of color) and its number of patches. The gains of all frames follow from a banded system.
+Pattern and trend with range have been solved before (in a long dive from a part of the frames). So
+one difference (of luminance, and of three channels of color) and its number of patches describe two
+frames. The gains of all frames follow from a banded system.
 """
 
 from dataclasses import dataclass
@@ -22,31 +22,36 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChainSettings:
-    """Weights of differences between frames, and when gains are used."""
+    """Weights of differences between frames, and conditions for gains."""
 
     least_patches: int = 20
-    """Seen by both frames, in each half: the median of fewer follows single caustics."""
+    """Least patches that both frames show, in each half: the median of fewer follows single
+    caustics.
+    """
     correlated: float = 10.0
     """Number of patches that count as one, as in the solver of the pattern."""
     gain: float = 0.3
-    """Prior standard deviation of a frame's gain of luminance, logarithm. Twice that of the joint
-    solution: a slope of the pattern can no longer be taken for a drift. On half of the patches of a
-    real dive, 0.15 leaves offsets of 0.082 on the others, 0.3 and 0.6 leave 0.074.
+    """Prior standard deviation of the gain of a frame, luminance, logarithm. Twice that of the
+    joint solution, because a slope of the pattern is already solved and cannot become a drift.
+    Fitted to half of the patches of a real dive, 0.15 leaves offsets of 0.082 on the others, 0.3
+    and 0.6 leave 0.074.
     """
     color_gain: float = 0.03
-    """The same of color: nothing holds a drift from pink to green along a long chain."""
+    """The same of color: no observation prevents a drift from pink to green along a long chain."""
     floor: tuple[float, float] = (0.05, 0.01)
-    """Least standard error of a difference of luminance and of color, logarithm: what pattern and
-    trend are off by for all patches together.
+    """Least standard error of a difference of luminance and of color, logarithm: the error of
+    pattern and trend that all patches share.
     """
     outlier: float = 2.0
-    """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose."""
+    """Standard errors beyond which a difference has less than half its weight (Cauchy): a wrong
+    pose.
+    """
     rounds: int = 5
     """Rounds with new weights."""
     offset: float = 0.03
-    """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
+    """Least offsets between frames (rms, logarithm) for which each frame gets a gain,"""
     left: float = 0.8
-    """if at most this fraction of them is left, on patches that took no part."""
+    """if at most this fraction of them remains on patches left out of the fit."""
 
 
 SETTINGS = ChainSettings()
@@ -60,8 +65,9 @@ DIFFERENCE = np.dtype(
 """Difference between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B)
 over patches, and their number.
 
-whole: of all patches. fitted, judged: of each half of them. spread: robust standard deviation of
-one patch's. 76 bytes: a dive of a million frames has three million of these.
+whole: of all patches. fitted, judged: of the half in the fit, and of the half left out. spread:
+robust standard deviation of a single patch. 76 bytes: a dive of a million frames has three million
+of these.
 """
 Differences = NDArray[np.void]
 """(D,) of DIFFERENCE."""
@@ -80,21 +86,23 @@ class DifferenceTable:
 
     @property
     def whole(self) -> Differences:
-        """All differences of frames."""
+        """Return all differences of frames."""
         return np.frombuffer(self._whole, DIFFERENCE)
 
     @property
     def parts(self) -> Parts:
-        """All differences of parts of images."""
+        """Return all differences of parts of images."""
         return np.frombuffer(self._parts, PART)
 
 
 def differences(
     window: SeenWindow, light: SurveyLight, size: tuple[int, int]
 ) -> tuple[Differences, Parts]:
-    """Differences of a window's first frame to each other one, with pattern and trend removed.
+    """Compute differences of the first frame of a window to each other one, with pattern and trend
+    removed.
 
-    size: (width, height) of the observations' images. Parts are empty unless the light has shading.
+    size: (width, height) of the images of the observations. Parts are empty unless the light has
+    shading.
     """
     good = usable(window.seen)
     seen = window.seen
@@ -135,16 +143,16 @@ class Chain:
 
 
 Chosen = tuple[bool | None, bool | None]
-"""Whether gains of luminance and of color are used; None: if they help."""
+"""Whether gains of luminance and of color are used; None = if they help."""
 
 
-def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None)) -> Chain:
-    """Gains of luminance and color. known: (F,) logarithms of gains that are subtracted first."""
+def solve_chain(differences: Differences, known: Array, chosen: Chosen = (None, None)) -> Chain:
+    """Solve gains of luminance and color. known: (F,) logarithms of gains to subtract first."""
     measured = np.zeros(len(known), np.bool_)
-    measured[found["i"]] = measured[found["j"]] = True
-    halves, outputs = (_outputs(found, known, part) for part in ("fitted", "whole"))
+    measured[differences["i"]] = measured[differences["j"]] = True
+    halves, outputs = (_outputs(differences, known, part) for part in ("fitted", "whole"))
     luminance, color = (
-        _offsets(found, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR)
+        _offsets(differences, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR)
     )
     used = [
         _helps(offsets) if use is None else use
@@ -154,28 +162,36 @@ def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None))
     return Chain(gains, measured, luminance)
 
 
-def offset_between(found: Differences, known: Array) -> float:
-    """rms of luminance between frames on patches left out, with (F,) known gains subtracted."""
-    return _offsets(found, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
+def offset_between(differences: Differences, known: Array) -> float:
+    """Compute the rms of luminance between frames on patches left out, with (F,) known gains
+    subtracted.
+    """
+    return _offsets(differences, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
 
 
-def _values(found: Differences, medians: str, output: int, known: Array) -> Array:
+def _values(differences: Differences, medians: str, output: int, known: Array) -> Array:
     """(D,) medians of luminance (output 0) or of a color, known gains of luminance subtracted."""
-    values = found[medians][:, output].astype(np.float64)
+    values = differences[medians][:, output].astype(np.float64)
     if output == 0:
-        values -= known[found["i"]]
-        values += known[found["j"]]
+        values -= known[differences["i"]]
+        values += known[differences["j"]]
     return values
 
 
-def _offsets(found: Differences, gains: Array, known: Array, part: slice) -> tuple[float, float]:
+def _offsets(
+    differences: Differences, gains: Array, known: Array, part: slice
+) -> tuple[float, float]:
     """rms of differences on patches left out of the fit, without and with gains."""
-    if not len(found):
+    if not len(differences):
         return 0.0, 0.0
-    weights, squares, columns = found["patches"].astype(np.float64), np.zeros(2), range(4)[part]
+    weights, squares, columns = (
+        differences["patches"].astype(np.float64),
+        np.zeros(2),
+        range(4)[part],
+    )
     for gain, column in zip(gains.T, columns, strict=True):  # one by one: there may be millions
-        without = _values(found, "judged", column, known)
-        left = without - gain[found["i"]] + gain[found["j"]]
+        without = _values(differences, "judged", column, known)
+        left = without - gain[differences["i"]] + gain[differences["j"]]
         squares += [np.einsum("d,d,d", off, off, weights) for off in (without, left)]
     before, after = np.sqrt(squares / (len(columns) * weights.sum())).tolist()
     return before, after
@@ -186,25 +202,26 @@ def _helps(offsets: tuple[float, float]) -> bool:
     return before > SETTINGS.offset and after < SETTINGS.left * before
 
 
-def _outputs(found: Differences, known: Array, medians: str) -> Array:
+def _outputs(differences: Differences, known: Array, medians: str) -> Array:
     """(F, 4) gains of luminance and color, fitted to medians of a name ("fitted" or "whole")."""
     solved = np.zeros((len(known), 4))
-    for output in range(4) if len(found) else ():
+    for output in range(4) if len(differences) else ():
         deviation = SETTINGS.color_gain if output else SETTINGS.gain
-        spread = found["spread"][:, output].astype(np.float64)
+        spread = differences["spread"][:, output].astype(np.float64)
         variance = (
-            spread**2 * SETTINGS.correlated / found["patches"] + SETTINGS.floor[min(output, 1)] ** 2
+            spread**2 * SETTINGS.correlated / differences["patches"]
+            + SETTINGS.floor[min(output, 1)] ** 2
         )
-        values = _values(found, medians, output, known)
-        solved[:, output] = _chain(found, values, variance, deviation, len(known))
+        values = _values(differences, medians, output, known)
+        solved[:, output] = _chain(differences, values, variance, deviation, len(known))
     return solved
 
 
 def _chain(
-    found: Differences, value: Array, variance: Array, deviation: float, frames: int
+    differences: Differences, value: Array, variance: Array, deviation: float, frames: int
 ) -> Array:
     """(F,) gains about 0 whose differences are the values: Cauchy weights and a prior."""
-    i, j = (np.ascontiguousarray(found[end]) for end in "ij")
+    i, j = (np.ascontiguousarray(differences[end]) for end in "ij")
     weight, prior = 1.0 / variance, np.array([deviation**-2])
 
     def terms(some: slice) -> tuple[Array, Array]:

@@ -1,9 +1,10 @@
-"""The prior of the light of lamps on the rig: the light of many random rigs is computed, and its
-mean and covariance taken.
+"""The prior of the light of lamps on the rig: mean and covariance of the computed light of many
+random rigs.
 
 Lamps near the camera make a pattern that changes with range, and their light falls off with the
 square of the range. The two are correlated: a pattern that changes with range like that of lamps
-tells the fall-off, which views of the same spots alone hardly tell from frames that were lit less.
+determines the fall-off. Views of the same spots alone hardly distinguish it from frames with less
+light.
 """
 
 from dataclasses import dataclass
@@ -35,38 +36,46 @@ class LampSettings:
     ahead_m: float = 0.3
     """Distance of lamps in front of the camera and behind it."""
     beam: tuple[float, float] = (0.5, 6.0)
-    """Power of the cosine from the lamp's axis: half the light at 75 and at 27 degrees."""
+    """Power of the cosine of the angle from the axis of the lamp: half the light at 75 and at 27
+    degrees.
+    """
     aim_rad: float = 0.3
-    """Standard deviation of a lamp's axis against the camera's, each way."""
+    """Standard deviation of the axis of a lamp relative to that of the camera, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)
-    """Attenuation of luminance, 1/m: clear ocean to harbor. The light passes the water twice."""
+    """Attenuation of luminance, 1/m: clear ocean to harbor. The light travels through the water
+    twice.
+    """
     alone: float = 0.3
     """Fraction of rigs with one lamp."""
     half_width: tuple[float, float] = (0.4, 0.9)
     """Tangent of half the horizontal field of view: 44 to 84 degrees."""
     sun: tuple[float, float] = (0.0, 0.6)
-    """Fraction of the light at the reference range that is the sun's: none at night."""
+    """Fraction of sunlight at the reference range: 0 at night."""
     rest: float = 0.05
-    """Standard deviation of what is not drawn, of a coefficient; of its change a fifth."""
+    """Standard deviation of a coefficient, for variations that the random rigs do not contain; of
+    its change a fifth.
+    """
     rest_trend: float = 0.04
-    """Standard deviation of the same in the trend, for a range that is a fifth longer."""
+    """The same for the trend, for a range that is a fifth longer."""
 
 
 SETTINGS = LampSettings()
 CORNER = (0.4, 1.0)
-"""Light that lenses leave in the corners; ends of an even distribution."""
+"""Fraction of light in the corners of a lens; ends of a uniform distribution."""
 SIZE = (400, 300)
 """Width and height of the computed images: only their ratio matters."""
 _GRID = 9
 _STEPS = np.linspace(-2, 2, 5)
-"""Ranges that are worked out, in steps of the polynomial: 0.67 to 1.5 times the reference."""
+"""Computed ranges, in steps of the polynomial: 0.67 to 1.5 times the reference."""
 
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night and day.
+    """Compute mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
+    and day.
 
-    reference_m: the range that the images are taken from.
+    Args:
+        reference_m: The typical range of the images, m.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5

@@ -1,9 +1,9 @@
 """The prior of the pattern of a lens in sunlight: vignetting, which darkens the corners
 symmetrically about the axis.
 
-Light that changes along the dive and a slope of the pattern across the track look alike where
-survey lines overlap only by their borders. A lens has no slopes: without evidence for lamps, such a
-change is one of the light.
+If survey lines overlap only at their borders, a change of light along the dive looks like a slope
+of the pattern across the track. A lens has no slopes: without evidence for lamps, the light
+explains such a change.
 """
 
 from dataclasses import dataclass
@@ -26,22 +26,23 @@ class LensSettings:
     """Standard deviations, of logarithms."""
 
     rest: float = 0.03
-    """Of a coefficient that is not radial: ports are mounted nearly centered; of its change a
-    fifth.
+    """Of a coefficient that is not radial, because ports are mounted nearly centered; of its change
+    a fifth.
     """
     gain: float = 0.5
-    """Of a frame's gain: clouds, sun and automatic exposure change it by a stop and more."""
+    """Of the gain of a frame: clouds, sun and automatic exposure change it by a stop and more."""
 
 
 LENS_PRIOR_SETTINGS = LensSettings()
 
 
 def lens_ensemble(trend: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses in
-    daylight.
+    """Compute mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses
+    in daylight.
 
-    trend: standard deviation of the trend. The mean is not a pattern, so that a pattern that the
-    dive does not determine stays even.
+    Args:
+        trend: Standard deviation of the trend. The mean pattern is 0, so that a pattern that the
+            dive does not determine is uniform.
     """
     radial = np.zeros(TERMS + 1)
     width, height = SIZE

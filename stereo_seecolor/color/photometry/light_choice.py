@@ -1,4 +1,6 @@
-"""Chooses the terms of the light with which views of patches left out of the fit agree better."""
+"""Chooses the terms of the light that improve the agreement of views of patches left out of the
+fit.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,22 +26,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChoiceSettings:
-    """When a term is worth using."""
+    """Conditions for a term."""
 
     better: float = 0.02
-    """Fraction by which it must lower the spread on patches left out; chance: less than 1 %."""
+    """Fraction by which it must lower the spread on patches left out; by chance it is less than 1
+    %.
+    """
     visible: float = 0.003
-    """Least by which it must lower it, natural logarithm: less is not seen, even side by side."""
+    """Least reduction of the spread, natural logarithm: less is not visible, even side by side."""
     offset: float = 0.03
-    """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
+    """Least offsets between frames (rms, logarithm) for which each frame gets a gain,"""
     offset_left: float = 0.8
-    """if at most this fraction of them is left."""
+    """if at most this fraction of them remains."""
     sure: float = 2.0
-    """Standard errors of a pair's offset, by its patches' scatter, beyond which frames differ."""
+    """Frames differ if their offset exceeds this number of standard errors, from the scatter of its
+    patches.
+    """
     robust_error: float = 1.17
     """Relative standard error of a robust deviation of Gaussian values, times root N."""
     least_patches: int = 300
-    """Left out and seen by two frames or more: fewer judge nothing."""
+    """Least patches left out that two frames or more show, for a comparison."""
 
 
 SETTINGS = ChoiceSettings()
@@ -51,7 +57,7 @@ class ViewDifferences:
 
     between_views: robust standard deviation of the difference of two views.
     between_frames: rms of the medians of pairs of frames, weighted by their observations.
-    by_chance: standard error of such a median, if each difference were a measurement of its own.
+    by_chance: standard error of such a median, if all differences were independent.
     """
 
     between_views: float
@@ -61,8 +67,8 @@ class ViewDifferences:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The solution with the terms that help. before, after: spread without and with them, on
-    patches left out; judging: their number. error: ``pattern_error``; 0 without a pattern.
+    """solution: with the terms that help. before, after: spread without and with them, on patches
+    left out; judging: their number. error: ``pattern_error``; 0 without a pattern.
     """
 
     use: LightTerms
@@ -74,7 +80,7 @@ class Choice:
 
     @property
     def judged(self) -> bool:
-        """Whether these patches were enough to use any term."""
+        """Whether there are enough patches for a comparison."""
         return self.judging >= SETTINGS.least_patches
 
 
@@ -88,14 +94,14 @@ class Candidate(NamedTuple):
 def choose(
     windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
 ) -> Choice:
-    """Choose the candidate with most evidence among those that lower the spread on patches left out
-    enough.
+    """Choose the candidate with the most evidence among those that lower the spread on patches left
+    out enough.
 
-    These are the candidates that are worth using (ChoiceSettings) and within one standard error of
-    the least spread (Breiman et al. 1984, "Classification and regression trees"). Shading, and
-    gains of frames that differ no more than caustics explain, also need more evidence than the same
-    terms without them: patches left out lie under the same caustics as their neighbors in the fit.
-    values: as in ``solve``. candidates: the first is no correction. frames: number of frames.
+    These candidates meet ChoiceSettings and are within one standard error of the least spread
+    (Breiman et al. 1984, "Classification and regression trees"). Shading, and gains of frames whose
+    differences caustics explain, also need more evidence than the same terms without them, because
+    patches left out lie under the same caustics as their neighbors in the fit.
+    values: as in ``solve``. candidates: the first has no terms. frames: number of frames.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = (
@@ -142,7 +148,9 @@ def choose(
 def spread_left(
     windows: Sequence[Window], values: Sequence[Array], solution: Solution
 ) -> ViewDifferences:
-    """Spread of differences of each view of a patch from the one before, solution removed."""
+    """Compute the spread of differences between consecutive views of a patch, after the solution is
+    removed.
+    """
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
     for window, value in zip(windows, values, strict=True):

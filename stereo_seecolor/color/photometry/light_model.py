@@ -1,5 +1,5 @@
-"""The model of a survey's light: the brightness of one surface depends on its place in the image,
-its range and the frame.
+"""The model of the light of a survey: the brightness of a surface depends on its position in the
+image, its range and the frame.
 
     log I_c(u, v, z, frame) = log scene_c + log pattern_c(u, v, z) + log gain_c(frame) + log
         shading_c(u, v, frame)
@@ -32,16 +32,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PatternShape:
-    """On 20 frames of a strobe-lit reef, half left out, degrees 6 and 8 gain nothing more."""
+    """Degrees of the polynomial. On 20 frames of a strobe-lit reef (real), half left out, degrees 6
+    and 8 are not better.
+    """
 
     degree: int = 4
-    """Total degree over the image: lamps and lenses are as smooth as that."""
+    """Total degree over the image, enough for lamps and lenses."""
     range_degree: int = 2
     """Degree in the logarithm of the range."""
     range_step: float = 0.2
-    """Logarithm of range that is 1 in the polynomial: terms are of like size at usual relief."""
+    """Logarithm of range that is 1 in the polynomial, so that terms have similar size at usual
+    relief.
+    """
     most: float = 1.6
-    """Largest logarithm of the pattern, up and down: a factor of 5; more is extrapolation."""
+    """Largest absolute logarithm of the pattern, a factor of 5; larger values are extrapolation."""
 
 
 SHAPE = PatternShape()
@@ -53,15 +57,19 @@ POWERS = tuple(
 )
 """Powers of x and y of the pattern's terms."""
 PATTERN = len(POWERS)
-"""Terms of the pattern at the reference range; as many follow for each power of the range."""
+"""Number of terms of the pattern at the reference range; the same number follows for each power of
+the range.
+"""
 TERMS = PATTERN * (SHAPE.range_degree + 1)
 SHADING = 5
-"""Terms of the shading of a frame, the first of the pattern's: those of degree 1 and 2."""
+"""Number of terms of the shading of a frame: the first of the pattern, of degree 1 and 2."""
 
 
 @dataclass(frozen=True, eq=False)
 class ByFrame(Mapping[str, Array]):
-    """Frame name -> (K,) numbers. numbers: (F, K) for all ``names``, NaN for those without."""
+    """Mapping from the name of a frame to (K,) numbers. numbers: (F, K) for all ``names``, NaN =
+    none.
+    """
 
     names: Names = field(default_factory=Names)
     numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
@@ -79,7 +87,7 @@ class ByFrame(Mapping[str, Array]):
         return int(np.count_nonzero(self._known))
 
     def items(self) -> ItemsView[str, Array]:
-        """Names and numbers, without a search for each name."""
+        """Return names and numbers, without a search for each name."""
         return _Items(self)
 
     @property
@@ -88,7 +96,7 @@ class ByFrame(Mapping[str, Array]):
 
     @classmethod
     def of(cls, numbers: Iterable[tuple[str, Sequence[float]]], each: int) -> Self:
-        """The mapping of these names and numbers. each: K, the number of numbers of a frame."""
+        """Make the mapping of these names and numbers. each: K, numbers of a frame."""
         names, values = Names(), array("d")
         for name, several in numbers:
             names.add(name)
@@ -113,11 +121,11 @@ class Light:
     """The light of a survey.
 
     coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: range at which
-    only the first PATTERN terms are not 0. seen_m: nearest and farthest range at which it was
-    measured. gains: name of a frame -> (3,) logarithm of its gain.
-    fade: power of the range by which the light of a surface falls off, by water and lamps together;
-    0 where it was not measured.
-    color_trend: change of a surface's color with range; None where it was not measured.
+    only the first PATTERN terms are not 0. seen_m: nearest and farthest measured range. gains: name
+    of a frame -> (3,) logarithm of its gain.
+    fade: power of the range with which the light of a surface falls off, water and lamps together;
+    0 = not measured.
+    color_trend: change of the color of a surface with range; None = not measured.
     shading: name of a frame -> (3 SHADING,) coefficients of the logarithm of its shading, each for
     R, G, B.
     """
@@ -131,24 +139,32 @@ class Light:
     shading: Mapping[str, Array] = field(default_factory=ByFrame)
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
-        """The light in the frame ``name``, whose picture has ``size`` (width, height) pixels."""
+        """Return the light of the frame ``name``, whose image has ``size`` (width, height)
+        pixels.
+        """
         shading = shading_map(self.shading.get(name, np.zeros(3 * SHADING)), size)
         return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size), shading)
 
     def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
-        """(N, 3) at (N, 2) pixels x, y of a picture of ``size`` (width, height), at (N,) ranges."""
+        """Compute (N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,)
+        ranges.
+        """
         terms = pattern_terms(pixel, self.log_range(range_m), size)
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 
     def log_range(self, range_m: NDArray[np.floating]) -> Array:
-        """The polynomial's variable: 0 at the reference range and where the range is unknown."""
+        """Compute the variable of the polynomial: 0 at the reference range and for unknown
+        ranges.
+        """
         known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
         return np.asarray(
             np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step
         )
 
     def maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
-        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` per pixel."""
+        """Compute (H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each
+        pixel.
+        """
         if size not in self._maps:
             self._maps[size] = self._computed_maps(size)
         return self._maps[size]
@@ -172,7 +188,7 @@ class Light:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of the whole light."""
+        """Return a hash of the whole light."""
         gains, shading = (
             content_key_of(one for pair in of.items() for one in pair)
             for of in (self.gains, self.shading)
@@ -180,7 +196,7 @@ class Light:
         return content_key(replace(self, gains={}, shading={}).content(), gains, shading)
 
     def content(self) -> dict[str, Any]:
-        """The light as JSON."""
+        """Convert to JSON."""
         return {
             "reference_m": self.reference_m,
             "seen_m": list(self.seen_m),
@@ -193,7 +209,7 @@ class Light:
 
     @classmethod
     def from_content(cls, content: Any) -> "Light":
-        """The light from JSON. Raises ValueError, KeyError or TypeError for anything else."""
+        """Convert from JSON. Raises ValueError, KeyError or TypeError for other content."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
         gains = ByFrame.of(content["log_gains"].items(), 3)
@@ -218,7 +234,7 @@ def _streamed(of: Mapping[str, Array]) -> Streamed:
 
 @dataclass(frozen=True, eq=False)
 class FrameLight:
-    """log_gain: (3,), 0 where not measured. maps: as of ``Light.maps``. log_shading: (H, W, 3)."""
+    """log_gain: (3,), 0 = not measured. maps: of ``Light.maps``. log_shading: (H, W, 3)."""
 
     light: Light
     log_gain: Array
@@ -228,7 +244,7 @@ class FrameLight:
     def seen_through(
         self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]
     ) -> "FrameLight":
-        """The same light in another image's pixels, to which ``warp`` takes an (H, W) map."""
+        """Convert the light to the pixels of another image; ``warp`` converts an (H, W) map."""
         powers = range(self.maps.shape[-1])
         maps = [
             np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1)
@@ -241,7 +257,7 @@ class FrameLight:
 
 
 def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
-    """(N, TERMS) of the polynomial, each of mean 0 over the picture."""
+    """Compute the (N, TERMS) terms of the polynomial, each with mean 0 over the image."""
     x, y = places(pixel, size).T
     flat = np.stack([x**a * y**b - _mean(a, b) for a, b in POWERS], axis=1)
     return np.concatenate(
@@ -250,19 +266,25 @@ def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Arra
 
 
 def places(pixel: Array, size: tuple[int, int]) -> Array:
-    """(N, 2) pixels x, y as -1..1 from edge to edge of an image of ``size`` (width, height)."""
+    """Convert (N, 2) pixels x, y to -1..1 from edge to edge of an image of ``size`` (width,
+    height).
+    """
     return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
 
 
 def shading_terms(place: Array) -> Array:
-    """(N, SHADING) of a frame's shading at (N, 2) ``places``, each of mean 0 over the picture."""
+    """Compute (N, SHADING) terms of the shading of a frame at (N, 2) ``places``, each with mean 0
+    over the image.
+    """
     return np.stack(
         [place[:, 0] ** a * place[:, 1] ** b - _mean(a, b) for a, b in POWERS[:SHADING]], axis=1
     )
 
 
 def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
-    """(H, W, 3) logarithm of a frame's shading. coefficients: as of ``Light.shading``."""
+    """Compute the logarithm of the shading of a frame (H, W, 3). coefficients: of
+    ``Light.shading``.
+    """
     width, height = size
     if not coefficients.any():
         return np.zeros((height, width, 3), np.float32)
@@ -297,14 +319,14 @@ MEAN_SQUARES = np.array(
 
 
 LAMPS_FADE = 1.5
-"""Power of the range from which on lamps on the rig give most of the light, water and lamps
-together: lamps alone have 1.5 to 2.2 on drawn dives by night, 2.4 on a real dive with strobes.
+"""Least power of the range, water and lamps together, at which lamps on the rig give most of the
+light: lamps alone have 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
 """
 
 
 def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
-    """The settings with which the water is fitted: where lamps give most of the light, it has come
-    through no water above the reef, and its white point is the lamps', not that of a depth.
+    """Return the settings for the fit of the water: light of lamps has not traveled through water
+    above the reef, so its white point is that of lamps, not of daylight at a depth.
     """
     if light is None or light.fade < LAMPS_FADE:
         return config
@@ -312,7 +334,7 @@ def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
 
 
 def lit_by(water: Water, light: Light | None) -> Water:
-    """The water with two measurements of the light: the color trend, and lamps' fall-off."""
+    """Add two measurements of the light to a water: the color trend, and the fall-off of lamps."""
     return (
         water
         if light is None

@@ -1,4 +1,4 @@
-"""Priors of a survey's light: Gaussians of pattern, trend with range, gains and shading."""
+"""Priors of the light of a survey: Gaussians of pattern, trend with range, gains and shading."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 class Deviations:
     """Prior standard deviations of logarithms with mean 0.
 
-    A slope of the pattern along the track and a drift of gains look alike. Gains are held so close
-    to 0 that the pattern explains both.
+    A slope of the pattern along the track looks like a drift of gains. The prior of gains is so
+    narrow that the pattern explains both.
     """
 
     coefficient: float
@@ -35,36 +35,37 @@ class Deviations:
     gain: float
     """Standard deviation of a frame's gain."""
     shading: float
-    """Standard deviation of the change of shading from the picture's middle to its edge."""
+    """Standard deviation of the change of shading from the middle of the image to its edge."""
     systematic: float
-    """Error of the model itself (the light of lamps is not a polynomial): observations weigh no
-    more than with this error against the priors, however well they agree.
+    """Error of the model itself (the light of lamps is not a polynomial): a lower limit of the
+    error of observations relative to the priors.
     """
     mean_reef: float
-    """Factor on the standard error with which the mean of the reef is the same in each part of the
-    picture and in each frame. Brightness differs more from place to place than parts of the picture
-    show: with 1, 3.0 % of the pattern of nine drawn dives are left, with 2 2.1 %, without it 2.2 %.
+    """Factor on the standard error of the mean of the reef, which is the same in each part of the
+    image and in each frame. Brightness of the reef varies more than parts of the image show: with
+    1, 3.0 % of the pattern of nine synthetic dives remain, with 2 2.1 %, without the mean reef 2.2
+    %.
     """
 
 
 LUMINANCE = Deviations(
     coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05, mean_reef=2.0
 )
-"""Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a
-fifth of a stop. Without ``systematic`` gains took half of the lamps' fall-off, on a synthetic night
-dive whose views agree within 1 %.
+"""Corners with half the light and the fall-off of lamps are common; strobes and exposures vary by a
+fifth of a stop. Without ``systematic``, gains explained half of the fall-off of lamps, on a
+synthetic night dive whose views agree within 1 %.
 """
 COLOR = Deviations(
     coefficient=0.2, ranged=0.05, trend=0.2, gain=0.06, shading=0.05, systematic=0.0, mean_reef=1.0
 )
-"""Lamps and lens change color less than brightness. A frame's gains differ by its own white
-balance; with 0.03 and 0.1, two halves of a real dive that were solved apart differ by 3 and 4 %
-where they meet.
+"""Lamps and lens change color less than brightness. Gains of a frame include its white balance;
+with 0.03 and 0.1, two separately solved halves of a real dive differ by 3 and 4 % in their common
+frame.
 """
 
 
 def shading_deviations(about: Deviations) -> tuple[float, ...]:
-    """(SHADING,) standard deviations of the coefficients of a frame's shading."""
+    """Compute (SHADING,) standard deviations of the coefficients of the shading of a frame."""
     return tuple(about.shading / (a + b) for a, b in POWERS[:SHADING])
 
 
@@ -75,22 +76,22 @@ class Gaussian:
     mean: Array
     precision: Array
 
-    def misfit(self, found: Array, squares: float, matrix: Array) -> float:
-        """Twice the negative log evidence for this prior, up to a constant (MacKay 1992).
+    def misfit(self, unknowns: Array, squares: float, matrix: Array) -> float:
+        """Compute twice the negative log evidence for this prior, up to a constant (MacKay 1992).
 
-        found: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
+        unknowns: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
         equations.
         """
-        off = found - self.mean[:, None]
+        off = unknowns - self.mean[:, None]
         spread = (
             np.linalg.slogdet(matrix + self.precision)[1] - np.linalg.slogdet(self.precision)[1]
         )
-        return float(squares + (off * (self.precision @ off)).sum() + found.shape[1] * spread)
+        return float(squares + (off * (self.precision @ off)).sum() + unknowns.shape[1] * spread)
 
 
 class Alike(NamedTuple):
-    """views: observations that count as one: neighbors share a caustic and errors of range and
-    pose. windows: in which a patch of the reef is found, on average.
+    """views: number of observations that count as one: neighbors share a caustic and errors of
+    range and pose. windows: mean number of windows that show a patch of the reef.
     """
 
     views: float
@@ -100,7 +101,7 @@ class Alike(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class LightPrior:
     """mean, covariance: of the TERMS coefficients and the trend. about: gain, shading and model.
-    alike: how many observations tell the same.
+    alike: numbers of observations that count as one.
     """
 
     mean: Array
@@ -110,25 +111,29 @@ class LightPrior:
 
     @classmethod
     def unknown(cls, about: Deviations, alike: "Alike") -> "LightPrior":
-        """The prior for light of unknown kind: independent coefficients of mean 0."""
+        """Make the prior for light of unknown kind: independent coefficients of mean 0."""
         each = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
         return cls(np.zeros(TERMS + 1), np.diag(np.square(each)), about, alike)
 
     @classmethod
     def lamps(cls, reference_m: float, alike: "Alike") -> "LightPrior":
-        """Luminance under lamps on the rig, with or without daylight, about ``reference_m``."""
+        """Make the prior of luminance under lamps on the rig, with or without daylight, about
+        ``reference_m``.
+        """
         return cls(*lamp_ensemble(reference_m), LUMINANCE, alike)
 
     @classmethod
     def lens(cls, alike: "Alike") -> "LightPrior":
-        """Luminance in sunlight, whose strength and exposure change from frame to frame."""
+        """Make the prior of luminance in sunlight, whose strength and exposure change from frame to
+        frame.
+        """
         about = replace(LUMINANCE, gain=LENS_PRIOR_SETTINGS.gain)
         return cls(*lens_ensemble(about.trend), about, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
-        """The prior of the terms in use (``columns``), and of gain and shading of frames.
+        """Return the prior of the terms in use (``columns``), and of gain and shading of frames.
 
-        of_frame: number of unknowns of a frame: none, its gain, or its gain and its shading.
+        of_frame: number of unknowns of a frame: none, gain, or gain and shading.
         """
         number = int(columns.sum())
         own = np.tile([self.about.gain, *shading_deviations(self.about)][:of_frame], frames)

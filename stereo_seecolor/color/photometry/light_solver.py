@@ -1,13 +1,14 @@
-"""The light of a survey from patches that several frames see: robust least squares on the sums of
+"""The light of a survey from patches that several frames show: robust least squares on sums of
 windows of neighboring frames.
 
     log light of observation k = scene(patch_k) + terms_k coefficients + trend(range_k) +
         log_gain(frame_k)
 
-The brightness of a patch is unknown and eliminated within its window, so that each window adds its
-own normal equations. The trend with range holds the water and the fall-off of lamps; it is fitted
-with the rest and left in the images. Luminance (the mean logarithm of R, G, B) and color (the rest)
-are solved separately: moving shadows and caustics disturb luminance, and color hardly.
+The brightness of a patch is unknown and eliminated within its window, so that each window adds
+normal equations. The trend with range contains the water and the fall-off of lamps; it is fitted
+together with the other terms and stays in the images. Luminance (the mean logarithm of R, G, B) and
+color (the rest) are solved separately, because moving shadows and caustics change luminance and
+hardly color.
 """
 
 from collections.abc import Sequence
@@ -39,11 +40,15 @@ class SolverSettings:
     rounds: int = 5
     """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
-    """Robust standard deviations beyond which an observation weighs under half (Cauchy): fish."""
+    """Robust standard deviations beyond which an observation has less than half its weight
+    (Cauchy): fish.
+    """
     first_prior: float = 1e-3
-    """Precision of all unknowns in the first round, which keeps the system solvable."""
+    """Precision of all unknowns in the first round, so that the system is solvable."""
     least_scale: float = 1e-4
-    """Least robust deviation of residuals, logarithm: without noise all would be outliers."""
+    """Least robust deviation of residuals, logarithm: without it, all observations without noise
+    would be outliers.
+    """
 
 
 SETTINGS = SolverSettings()
@@ -70,7 +75,8 @@ class LightTerms(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Window:
     """patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1),
-    log_light (N, 3). held (N,): observations of patches that are left out of the fit, to judge it.
+    log_light (N, 3). held (N,): True for observations of patches that are left out of the fit, to
+    test it.
     """
 
     patch: NDArray[np.int64]
@@ -81,7 +87,7 @@ class Window:
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
-        """Only the observations that are left out of the fit, or only the others."""
+        """Return only the observations that are left out of the fit, or only the others."""
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
         parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
@@ -92,7 +98,7 @@ class Window:
 class Solution:
     """A solved light; Q outputs: 1 for luminance, 3 for color.
 
-    coefficients: (TERMS, Q), 0 of terms that are not in use. trend: (1, Q), per unit of
+    coefficients: (TERMS, Q), 0 for terms that are not in use. trend: (1, Q), per unit of
     ``Light.log_range``. gains: (F, Q) logarithms of mean 0. shading: (F, SHADING, Q) coefficients.
     trend_error: standard error of each number of the trend.
     misfit: twice the negative logarithm of the evidence, to compare priors and terms.
@@ -116,9 +122,9 @@ def window_of(
     light: Light,
     size: tuple[int, int],
 ) -> Window:
-    """The window of the usable (N,) observations of patches that two frames or more see.
+    """Make the window of the usable (N,) observations of patches that two frames or more show.
 
-    frames: number in the dive of each of the observations' frames. light: gives the ranges of the
+    frames: number in the dive of each frame of the observations. light: defines the ranges of the
     polynomial. size: (width, height) of the image.
     """
     patch = seen.patch[usable]
@@ -210,15 +216,15 @@ def _robust_fit(
 
 @dataclass(frozen=True, eq=False)
 class MeanReef:
-    """What the reef's mean tells: over many patches it is the same in each part of the picture and
-    in each frame, at equal range.
+    """The mean light of the reef: over many patches it is the same in each part of the image and in
+    each frame, at equal range.
 
-    Views of one patch cannot see a slope across a straight track, nor a drift of gains along it.
-    The patches' own light has the same mean everywhere, with an error that follows from the number
-    of independent patches.
+    Views of one patch show neither a slope across a straight track nor a drift of gains along it.
+    The light of the patches has the same mean everywhere, with an error that follows from the
+    number of independent patches.
 
-    precision (n, n), right (n, Q): normal equations, as those of a prior. squares (Q,): of the
-    patches' light, in variances.
+    precision (n, n), right (n, Q): normal equations, as of a prior. squares (Q,): of the light of
+    the patches, in variances.
     """
 
     precision: Array
@@ -233,7 +239,7 @@ class MeanReef:
         size_of: tuple[int, int],
         prior: LightPrior,
     ) -> "MeanReef":
-        """The equations of all windows. size_of: numbers of unknowns and of outputs."""
+        """Add up the equations of all windows. size_of: numbers of unknowns and of outputs."""
         (unknowns, outputs), nuisance = size_of, REEF.range_degree + 1
         size = nuisance + unknowns + outputs
         sums, lights, cells = np.zeros((size, size)), [], []
@@ -256,24 +262,25 @@ class MeanReef:
         rest /= max(variance, REEF.least_variance)
         return cls(rest[:unknowns, :unknowns], rest[:unknowns, unknowns:], np.diag(rest)[unknowns:])
 
-    def squares_left(self, found: Array) -> float:
-        """The sum of squares that the (n, Q) unknowns leave, in variances."""
-        explained = 2 * self.right - self.precision @ found
-        return float(self.squares.sum() - (found * explained).sum())
+    def squares_left(self, unknowns: Array) -> float:
+        """Compute the remaining sum of squares with the (n, Q) unknowns, in variances."""
+        explained = 2 * self.right - self.precision @ unknowns
+        return float(self.squares.sum() - (unknowns * explained).sum())
 
 
 @dataclass(frozen=True)
 class ReefSettings:
-    """How the mean of the reef is compared between parts of the picture."""
+    """Settings of the mean of the reef."""
 
     range_degree: int = 2
-    """Degree in the logarithm of the range by which the reef's own light may change: corals stand
+    """Degree in the logarithm of the range with which the light of the reef may change: corals are
     nearer than sand.
     """
     cells: int = 3
-    """Parts of the picture, each way, whose means tell how many patches are alike."""
+    """Parts of the image, each way, whose means determine the number of patches that count as one.
+    """
     least_variance: float = 1e-4
-    """Of a patch times the number of those alike: an even reef is no more even than that."""
+    """Least variance of a patch times the number of patches that count as one."""
 
 
 REEF = ReefSettings()
@@ -304,9 +311,10 @@ def _variance_of_mean(
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
-    """Standard error of the pattern at the reference range, logarithm, rms over the picture.
+    """Compute the standard error of the pattern at the reference range, logarithm, rms over the
+    image.
 
-    others: solutions that fit about as well, and this one, weighted by their evidence.
+    others: solutions that fit about equally well, and this one, weighted by their evidence.
     """
     weights = np.exp(
         0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others]))
@@ -346,14 +354,14 @@ class _WindowSums:
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
         return cls(np.concatenate(both, axis=1), at, window.patch, first)
 
-    def residuals(self, found: Array, weight: Array) -> Array:
+    def residuals(self, unknowns: Array, weight: Array) -> Array:
         """(N,) rms over outputs of differences from the patch's mean, the solution removed."""
         number, squares = len(self.at), np.zeros(len(self.patch))
-        for output in range(found.shape[1]):
-            left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
+        for output in range(unknowns.shape[1]):
+            left = self.both[:, number + output] - self.both[:, :number] @ unknowns[self.at, output]
             left -= (self.sums(left * weight) / self.sums(weight))[self.patch]
             squares += left**2
-        return np.asarray(np.sqrt(squares / found.shape[1]))
+        return np.asarray(np.sqrt(squares / unknowns.shape[1]))
 
     def products(self, weight: Array) -> Array:
         """(n, n + Q) normal equations of the columns less their means over a patch."""
@@ -368,7 +376,9 @@ class _WindowSums:
 
 
 def explained(window: Window, solution: Solution) -> Array:
-    """(N, Q) values of a window by a solution, up to the brightness of its patches."""
+    """Compute the (N, Q) values of a window from a solution, up to the brightness of its
+    patches.
+    """
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
     part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
     return np.asarray(part + window.trend @ solution.trend)

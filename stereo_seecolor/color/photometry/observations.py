@@ -1,4 +1,4 @@
-"""The same patches of the reef in several frames, found from known ranges and poses."""
+"""The same patches of the reef in several frames, from ranges and poses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """Size and number of patches, and when a frame sees one; tested on the sample dive."""
+    """Size and number of patches, and conditions for an observation; tested on the sample dive."""
 
     patch_m: float = 0.05
-    """Width of a patch on the reef in every frame: the same texture at any range."""
+    """Width of a patch on the reef, the same at any range."""
     most_patches: int = 20_000
-    """Looked for in all frames together: bounds memory and time."""
+    """Largest number of patches of all frames together, which limits memory and time."""
     most_patches_a_frame: int = 1600
-    """About a grid of 40 by 40."""
+    """Largest number of patches of a frame: a grid of about 40 by 40."""
     same_range: float = 0.02
-    """A patch is the same if ranges agree to this fraction: more than a range's error."""
+    """Ranges of the same patch agree to this fraction, which is more than the error of a range."""
     most_relief: float = 0.06
-    """A patch is left out where the range varies more within ``relief_px``: an edge."""
+    """A patch is left out if the range varies more within ``relief_px``: an edge."""
     relief_px: int = 7
-    """Pixels, a square's side."""
+    """Side of a square, pixels."""
     clipped: float = 0.98
     """Light beyond this fraction of full scale may be clipped."""
     nearest_m: float = 0.05
-    """Depth in front of the camera below which a projection is not trusted."""
+    """Least depth in front of the camera for a projection."""
     most_clipped: float = 1e-6
-    """Fraction of a patch that may be clipped: none, up to rounding of the integral image."""
+    """Largest clipped fraction of a patch: 0, up to rounding of the integral image."""
     far_m: float = 1e6
-    """Stands for an unknown range when edges are looked for, so that its neighbors are one."""
+    """Value of an unknown range in the search for edges, so that its neighbors are edges."""
 
 
 SETTINGS = ObservationSettings()
@@ -55,8 +55,8 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """patch: (N,) int64, 0..P-1, ascending, each twice or more. frame: (N,) int64. range_m: (N,) m.
-    light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its middle.
+    """patch: (N,) int64, 0..P-1, ascending, each at least twice. frame: (N,) int64. range_m: (N,)
+    m. light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its center.
     """
 
     patch: NDArray[np.int64]
@@ -68,7 +68,7 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class SeenWindow:
-    """frames: number in the dive of each of the observations' frames. seen: the observations."""
+    """frames: number in the dive of each frame of the observations. seen: the observations."""
 
     frames: NDArray[np.int64]
     seen: Observations
@@ -77,7 +77,9 @@ class SeenWindow:
 def find_observations(
     frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
 ) -> Observations:
-    """Observations of patches that several frames see; frames are read twice, one at a time."""
+    """Find observations of patches that several frames show; frames are read twice, one at a
+    time.
+    """
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
     points_m = np.concatenate(
         [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]
@@ -88,7 +90,9 @@ def find_observations(
 
 
 def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Observations:
-    """Observations of (P, 3) patches by these views, numbered in order; each seen twice or more."""
+    """Find observations of (P, 3) patches in these views, numbered in order; each patch has at
+    least two.
+    """
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):
         patch, range_m, light, pixel = view.look_at(points_m)
@@ -121,7 +125,7 @@ class PhotometricView:
     def of(
         cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding | None
     ) -> "PhotometricView":
-        """The view of a frame. encoding: of its image; None where only its ranges are needed."""
+        """Make the view of a frame. encoding: of its image; None if only its ranges are needed."""
         sums = np.zeros((2, 2, 4))
         if encoding is not None:
             light = np.take(decoded_values(8 * frame.image.dtype.itemsize, encoding), frame.image)
@@ -131,7 +135,9 @@ class PhotometricView:
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
     def patches_m(self, number: int) -> Vector:
-        """(P, 3) about ``number`` points in the world, on a grid over pixels of known range."""
+        """Choose about ``number`` points in the world (P, 3), on a grid over pixels with a
+        range.
+        """
         height, width = self.smooth_range_m.shape
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
@@ -142,7 +148,9 @@ class PhotometricView:
         return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
-        """Numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the patches that it sees."""
+        """Return numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the visible
+        patches.
+        """
         farthest_m = (
             float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
         )

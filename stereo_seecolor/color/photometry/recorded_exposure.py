@@ -1,8 +1,8 @@
-"""The exposure that the camera recorded, as a prior of each frame's gain, where it explains
-differences between frames.
+"""The recorded exposure of each frame, as the prior of its gain, if it explains differences between
+frames.
 
-Records may be wrong, and with a strobe the exposure time has no effect. So differences between
-frames that show the same spots decide whether the records are used.
+Records may be wrong, and with a strobe the exposure time has no effect. So records are used only if
+they explain differences between frames that show the same spots.
 """
 
 from collections.abc import Sequence
@@ -25,21 +25,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RecordSettings:
-    """When records are used."""
+    """Conditions for the use of records."""
 
     varies: float = 0.03
-    """Least standard deviation (logarithm) of records that are examined; less is not corrected."""
+    """Least standard deviation (logarithm) of records; smaller ones are not used."""
     left: float = 0.8
-    """Fraction of the offsets between frames that may be left with them, as for gains."""
+    """Largest remaining fraction of the offsets between frames, as for gains."""
     no_gain: float = 1e-9
-    """Logarithm: a gain of color alone has none of luminance but for rounding."""
+    """Logarithm; smaller gains of luminance are rounding errors of a gain of color alone."""
 
 
 SETTINGS = RecordSettings()
 
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
-    """(F,) logarithms of recorded exposures, of mean 0; 0 where a number is missing."""
+    """Compute (F,) logarithms of recorded exposures, of mean 0; 0 = number missing."""
     values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
     fields = np.fromiter(
         (np.nan if value is None else value for value in values), np.float64
@@ -52,13 +52,15 @@ def log_exposures(captures: Sequence[Capture]) -> Array:
 
 
 def is_informative(recorded: Array) -> bool:
-    """Whether the (F,) records differ enough between frames to be examined."""
+    """Whether the (F,) records differ enough between frames."""
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 
 
-def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
-    """rms of luminance between frames, without and with the (F,) records subtracted."""
-    return offset_between(found, np.zeros_like(recorded)), offset_between(found, recorded)
+def offsets_about(differences: Differences, recorded: Array) -> tuple[float, float]:
+    """Compute the rms of luminance between frames, without and with the (F,) records subtracted."""
+    return offset_between(differences, np.zeros_like(recorded)), offset_between(
+        differences, recorded
+    )
 
 
 def explain(offsets: tuple[float, float]) -> bool:
@@ -66,9 +68,11 @@ def explain(offsets: tuple[float, float]) -> bool:
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
-def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
-    """Gains of all frames about the (F,) records; a frame without overlap gets its record."""
-    chain = solve_chain(found, recorded, chosen)
+def solve_recorded(differences: Differences, recorded: Array, chosen: Chosen) -> Chain:
+    """Solve gains of all frames with the (F,) records as prior mean; a frame without overlap gets
+    its record.
+    """
+    chain = solve_chain(differences, recorded, chosen)
     left = (
         chain.offsets[1]
         if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain
@@ -77,5 +81,5 @@ def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain
     return Chain(
         chain.gains + recorded[:, None],
         chain.measured | (recorded != 0),
-        (offset_between(found, np.zeros_like(recorded)), left),
+        (offset_between(differences, np.zeros_like(recorded)), left),
     )

@@ -1,9 +1,9 @@
-"""``color.lock: auto``. One water for the dive, or one for each segment of it where frames do not
-share one water.
+"""``color.lock: auto``: one water for the dive, or one for each segment if frames do not share one
+water.
 
 Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables.
-Neighboring chunks are joined, the most alike first, as long as they fit the water of both together
-about as well as they fit waters of their own.
+Neighboring chunks are joined, the most similar first, as long as a common water fits about as well
+as separate waters.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ from stereo_seecolor.color.photometry.survey import (
     Fitter,
     FrameBrightness,
     add_to,
-    completed,
+    fill_missing_waters,
     survey_waters,
     usual_exposure,
 )
@@ -43,15 +43,19 @@ class SegmentSettings:
     """Limits for joining. Costs: of ``robust.quality``, means over the smaller segment."""
 
     most_chunks: int = 64
-    """With so many, neighbors are joined: memory is bounded, a cut is found to a 32nd."""
+    """Largest number of chunks; with more, neighbors are joined. It limits memory; the position of
+    a cut is known to a 32nd.
+    """
     worse: float = 25.0
-    """Cost that a shared water may add. Halves of one dive add up to 24 (4 on a real reef), two
-    sites 26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive).
+    """Largest cost that a shared water adds. Halves of one dive add up to 24 (4 on a real reef),
+    two sites 26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive).
     """
     bad: float = 50.0
-    """Cost under a shared water at which frames do not share it, however bad their own was."""
+    """Cost under a shared water above which frames do not share it, for any cost of their own
+    water.
+    """
     worse_alone: float = 25.0
-    """Added to these limits for a single chunk against many: one frame may show something odd."""
+    """Added to these limits for a single chunk, because one frame may show an unusual object."""
 
 
 SETTINGS = SegmentSettings()
@@ -60,7 +64,7 @@ SETTINGS = SegmentSettings()
 @dataclass(frozen=True, eq=False)
 class _Chunk:
     """frames: numbers. linked: it shows spots of the chunk before it. packed: tables and brightness
-    by class, packed: 64 would not fit into memory.
+    by class, compressed, because 64 of them would not fit into memory.
     """
 
     frames: range
@@ -98,8 +102,8 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Gives each frame the water of its segment. linked: names of frames that show the same spots
-    as the frame before them; the dive is never cut between these.
+    """Assigns each frame the water of its segment. linked: names of frames that show the same spots
+    as the frame before them; the dive is not cut between these.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
@@ -121,7 +125,7 @@ class AutoFitter(Fitter):
         return True
 
     def join(self, several: CountedFrames) -> None:
-        """Add several frames, between which the dive is not cut."""
+        """Add several frames; the dive is not cut between them."""
         if not several.frames:
             return
         if len(self._open) >= self._chunk_frames:
@@ -139,7 +143,9 @@ class AutoFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's segment; without a known range, that of the one before."""
+        """Return the water of the segment of each frame; a frame without ranges gets that of the
+        frame before.
+        """
         chunks = [*self._chunks]
         if self._open:
             chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))
@@ -148,7 +154,7 @@ class AutoFitter(Fitter):
         parts = _parts(evidence, self._config) if chunks else []
         segments = [[c for one in linked[part.start : part.stop] for c in one] for part in parts]
         self._segments = [range(one[0].frames.start, one[-1].frames.stop) for one in segments]
-        return completed(water for one in segments for water in self._segment_waters(one))
+        return fill_missing_waters(water for one in segments for water in self._segment_waters(one))
 
     def _segment_waters(self, chunks: Sequence["_Chunk"]) -> Iterator[tuple[str, Water | None]]:
         frames = range(chunks[0].frames.start, chunks[-1].frames.stop)
@@ -162,11 +168,11 @@ class AutoFitter(Fitter):
 
     @property
     def segments(self) -> list[list[str]]:
-        """Names of the frames of each segment, after ``waters`` has been called."""
+        """Return the names of the frames of each segment, after ``waters``."""
         return [self._frames.names[frames.start : frames.stop] for frames in self._segments]
 
     def notes(self) -> tuple[str, ...]:
-        """Where the dive was cut into segments; empty if all frames share one water."""
+        """Return where the dive was cut into segments; empty if all frames share one water."""
         if len(self._segments) < 2:
             return ()
         ends = [

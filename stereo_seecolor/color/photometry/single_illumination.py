@@ -1,8 +1,8 @@
-"""Whether parts of a dive that share no spot were under one light, or under lights of their own.
+"""Tests whether parts of a dive that share no spot have the same light.
 
-Between frames that show the same spots, gains and shading follow what changes. Lines that share
-none are tied by the pattern alone: where lamps were switched on between them, the pattern and
-the fall-off of one line's lamps would be taken out of the other, too.
+Between frames that show the same spots, gains and shading follow changes of light. Lines without
+common spots are connected only by the pattern: if lamps were switched on between them, the pattern
+and fall-off of the lamps of one line would be removed from the other, too.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OneLightSettings:
-    """When one light is refused."""
+    """Condition for separate lights."""
 
     evidence: float = 10.0
-    """For each light more, twice the natural logarithm: very strong (Kass and Raftery 1995). Lamps
-    switched on between two lines:
-    69 to 116 on five drawn dives; one light throughout: at most 4 on 21, at most 5 on 12 ways to
-    part a real dive.
+    """For each additional light, twice the natural logarithm: very strong (Kass and Raftery 1995).
+    Lamps switched on between two lines: 69 to 116 on five synthetic dives; one light throughout: at
+    most 4 on 21, at most 5 on 12 ways to divide a real dive.
     """
 
 
@@ -41,7 +40,7 @@ def is_single_illumination(
     """Whether one light explains all windows about as well as one for each part that shares no
     spot.
 
-    values, frames: as ``solve``'s. candidates: tried for all together, and for each part.
+    values, frames: as in ``solve``. candidates: tested for all together, and for each part.
     """
     parts = _parts(windows, frames)
     if len(parts) == 1:

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
+from stereo_seecolor.color.photometry.exposure import Brightness, exposed, shorten_exposure
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName, Names
@@ -22,13 +22,15 @@ from stereo_seecolor.records import Water
 FitTable = Callable[[MomentTable, Water | None], Water]
 
 CLASS_STOPS = 2.0
-"""Width of a class of brightness; frames more than a class from most have another exposure."""
+"""Width of a class of brightness; frames more than a class from the largest one have another
+exposure.
+"""
 BLACK = -10_000
 """The class of frames without any light."""
 
 
 class Fitter(Protocol):
-    """Takes frames one at a time and in order, and fits a water for each of them."""
+    """Takes frames one at a time, in order, and fits a water for each of them."""
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame and its table."""
@@ -43,15 +45,15 @@ class Fitter(Protocol):
         raise TypeError("the frames of this fit are added one by one")
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame, by name. Raises ColorError where no range is known."""
+        """Return the water of each frame, by name. Raises ColorError if no range is known."""
 
     def notes(self) -> tuple[str, ...]:
-        """Warnings and notes about the whole dive, after ``waters`` has been called."""
+        """Return warnings and notes about the whole dive, after ``waters``."""
         return ()
 
 
 class FrameFitter(Fitter):
-    """``color.lock: frame``: each frame has its own water; fits of ``linked`` frames, which show
+    """``color.lock: frame``: each frame has a separate water; fits of ``linked`` frames, which show
     the same spots as the frame before, start from its water.
     """
 
@@ -67,12 +69,12 @@ class FrameFitter(Fitter):
         self._waters[name] = self._last if table.pixels.any() else None
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame; one without a known range gets that of the frame before it."""
-        return completed(self._waters.items())
+        """Return the water of each frame; one without ranges gets that of the frame before it."""
+        return fill_missing_waters(self._waters.items())
 
 
 class SlidingFitter(Fitter):
-    """``color.lock: N``: each frame's water and exposure fit the last few frames."""
+    """``color.lock: N``: water and exposure of each frame are fitted to the last few frames."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
@@ -87,7 +89,7 @@ class SlidingFitter(Fitter):
         self._waters[name] = water if table.pixels.any() else None
 
     def water(self, table: MomentTable) -> Water | None:
-        """Add a frame and return the window's water; None as long as no range was known."""
+        """Add a frame and return the water of the window; None as long as there was no range."""
         self._total = self._total + table if self._window else table
         self._window.append(table.packed())
         if len(self._window) > self._config.sliding_frames:
@@ -97,8 +99,10 @@ class SlidingFitter(Fitter):
         return self._last
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of each frame's window; without a known range that of the frame before."""
-        return completed(self._waters.items())
+        """Return the water of the window of each frame; a frame without ranges gets that of the
+        frame before.
+        """
+        return fill_missing_waters(self._waters.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,7 @@ class ExposureClass:
 @dataclass(frozen=True, eq=False)
 class CountedFrames:
     """frames: name, class and packed brightness of each. classes: sums of their tables, by class of
-    brightness; frames without a known range are in none.
+    brightness; frames without ranges are in none.
     """
 
     frames: Sequence[tuple[str, int, bytes]]
@@ -135,7 +139,7 @@ class CountedFrames:
 
 
 def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass]) -> None:
-    """Add the tables of each class to those that are there."""
+    """Add the tables of each class to the existing ones."""
     for kind, frames in more.items():
         classes[kind] = classes[kind] + frames if kind in classes else frames
 
@@ -151,22 +155,23 @@ class FrameBrightness:
         return len(self.names)
 
     def add(self, frames: Iterable[tuple[str, int, bytes]]) -> None:
-        """More frames: name, class and packed brightness of each."""
+        """Add frames: name, class and packed brightness of each."""
         for name, kind, packed in frames:
             self.names.add(name)
             self.classes.append(kind)
             self._packed.append(packed)
 
     def brightness(self, number: int) -> Brightness:
-        """Brightness of frame ``number``."""
+        """Return the brightness of frame ``number``."""
         return Brightness.unpacked(self._packed[number])
 
 
 class SurveyFitter(Fitter):
     """``color.lock: survey``: one water and one exposure for all frames.
 
-    Frames far darker or brighter than most are left out of the fit, and get its water scaled. With
-    ``camera_exposure: brightness``, every frame is first brought to one exposure.
+    Frames far darker or brighter than most are left out of the fit, and get its water, scaled to
+    their exposure. With ``camera_exposure: brightness``, every frame is first scaled to one
+    exposure.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
@@ -180,14 +185,14 @@ class SurveyFitter(Fitter):
         reference = self._classes.get(0)
         if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
             brighter = frame.classes[0].brightness.ratio(reference.brightness)
-            table = darkened(table, brighter, self._config.encoding)
+            table = shorten_exposure(table, brighter, self._config.encoding)
             brightness = Brightness.of(table, self._config.encoding)
             frame = replace(frame, classes={0: ExposureClass(table, brightness)})
         self.join(frame)
 
     @property
     def joins(self) -> bool:
-        """True unless each frame is brought to the exposure of the frames before it."""
+        """True unless each frame is scaled to the exposure of the frames before it."""
         return self._config.camera_exposure != "brightness"
 
     def join(self, several: CountedFrames) -> None:
@@ -196,9 +201,9 @@ class SurveyFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """The survey's water, scaled to each frame's camera exposure."""
+        """Return the water of the survey, scaled to the camera exposure of each frame."""
         numbers = range(len(self._frames))
-        return completed(
+        return fill_missing_waters(
             survey_waters(self._frames, numbers, self._classes, self._config, self._fit)
         )
 
@@ -210,9 +215,10 @@ def survey_waters(
     config: ColorConfig,
     fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
-    """Name and water of each of these frames: one water, scaled to each frame's exposure.
+    """Return name and water of each of these frames: one water, scaled to the exposure of each
+    frame.
 
-    classes: sums of their tables; where it is empty, the waters are None.
+    classes: sums of their tables; if empty, the waters are None.
     """
     if not classes:
         yield from ((frames.names.item(number), None) for number in numbers)
@@ -231,14 +237,16 @@ def survey_waters(
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
-    """The class that has most pixels, and the sum of all frames in it and next to it."""
+    """Return the class with most pixels, and the sum of all frames in it and in the classes next to
+    it.
+    """
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
     most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
     return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
-    """The class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
+    """Return the class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
     if not np.isfinite(brightness.stops):
         return BLACK
     held = config.camera_exposure != "brightness"
@@ -259,8 +267,10 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
     return replace(water, exposure=exposure, highlights=highlights)
 
 
-def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
-    """The waters by name; a frame that has none gets the last one before it, or else the first."""
+def fill_missing_waters(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
+    """Return the waters by name; a frame without one gets the last one before it, or else the
+    first.
+    """
     found, before, last = ByName[Water](), list[str](), None
     for name, water in waters:
         last = water or last

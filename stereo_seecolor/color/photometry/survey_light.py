@@ -1,4 +1,4 @@
-"""The light of a survey: the terms that the dive determines, and how much they help."""
+"""The light of a survey: the terms that the dive determines, and their effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,21 +19,23 @@ from stereo_seecolor.color.photometry.single_illumination import is_single_illum
 
 @dataclass(frozen=True)
 class ObservationLimits:
-    """Limits of observations that the light is solved from, and of its standard error."""
+    """Limits of the observations for the light, and of its standard error."""
 
     light: tuple[float, float] = (0.003, 0.97)
-    """Linear light of each channel: below is noise and backscatter, above may be clipped."""
+    """Least and largest linear light of each channel: darker is noise and backscatter, brighter may
+    be clipped.
+    """
     range_quantiles: tuple[float, float] = (0.01, 0.99)
-    """Quantiles of the observations' ranges, beyond which the pattern is not extrapolated."""
+    """Quantiles of the ranges of observations; the pattern is not extrapolated beyond them."""
     loose: float = 0.1
-    """Standard error of a pattern, logarithm, above which the note tells how to lower it: ten of 49
-    drawn dives, in none of which frames of two lines show the same.
+    """Standard error of a pattern, logarithm, above which a note explains how to lower it: ten of
+    49 synthetic dives, in none of which frames of two lines show the same spots.
     """
 
 
 LIMITS = ObservationLimits()
 COMPARED = "stereo-seecolor evaluate OUT --spread"
-"""One place states it: of spots left out of the fit alone, other numbers come out."""
+"""The note names this command, because spots left out of the fit alone give other numbers."""
 PARTS_DIFFER = (
     "lines that share no spot were lit differently (lamps switched on between them?): "
     "the lamps' light is not corrected"
@@ -46,13 +48,13 @@ class SurveyLight:
     """The solved light of a survey.
 
     solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each,
-    and how much they help.
+    and their effect.
     crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance
-    between neighbors, without and with the gains of all frames; None where these were not solved.
+    between neighbors, without and with the gains of all frames; None = not solved.
     recorded: True if the gains have recorded exposures as their prior.
-    refused: like offsets, without and with recorded exposures, where these do not explain
-    differences between frames and are not used; None where nothing was refused. parts_differ: True
-    if lines that share no spot were lit differently, so that the lens alone is corrected.
+    refused: like offsets, without and with recorded exposures, if these do not explain differences
+    between frames and are not used; else None. parts_differ: True if lines that share no spot have
+    different light, so that only the lens is corrected.
     """
 
     solved: Light
@@ -66,7 +68,7 @@ class SurveyLight:
 
     @property
     def light(self) -> Light | None:
-        """The light; None where no term of it helps."""
+        """Return the light; None if no term helps."""
         return (
             self.solved
             if any(self.luminance.use)
@@ -78,7 +80,7 @@ class SurveyLight:
 
     @property
     def note(self) -> str:
-        """A line for the user on the terms in use and how much they help; "" for none."""
+        """Return a line for the user on the terms in use and their effect; "" for none."""
         used = (
             f"light: {'; '.join(self._used())}; more in water.json"
             if self.light
@@ -136,8 +138,8 @@ class SurveyLight:
     def at(
         self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """(N, 3) logarithm of the light without gains: pattern and trend, by water and lamps
-        together.
+        """Compute the (N, 3) logarithm of the light without gains: pattern and trend, of water and
+        lamps together.
 
         pixel: (N, 2) x, y in an image of ``size`` (width, height). range_m: (N,) meters.
         """
@@ -150,13 +152,13 @@ class SurveyLight:
     def of_frames(
         self, gains: _ByName, shading: _ByName, offsets: tuple[float, float]
     ) -> "SurveyLight":
-        """The light with these gains and shading of frames, by name."""
+        """Return the light with these gains and shading of frames, by name."""
         return replace(
             self, solved=replace(self.solved, gains=gains, shading=shading), offsets=offsets
         )
 
     def content(self) -> dict[str, Any]:
-        """The light as water.json holds it."""
+        """Convert to the form in water.json."""
         return {
             "luminance": _choice(self.luminance),
             "color": _choice(self.color),
@@ -177,13 +179,19 @@ def solve_light(
     recorded: NDArray[np.float64] | None = None,
     is_sampled: bool = False,
 ) -> SurveyLight | None:
-    """Solve the light of a dive; None where no spot is seen from two frames.
+    """Solve the light of a dive.
 
-    names: of all frames of the dive. size: (width, height) of the images that the observations'
-    pixels are of.
-    allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera
-    recorded; they are subtracted first, so that the gains are relative to them. is_sampled: the
-    windows are of a part of the frames.
+    Args:
+        windows: Observations of patches in windows of neighboring frames.
+        names: Names of all frames of the dive.
+        size: (width, height) of the images of the observations.
+        allowed: The terms that may be used.
+        recorded: (F,) logarithms of the exposures that the camera recorded; they are subtracted
+            first, so that the gains are relative to them.
+        is_sampled: True if the windows are of a part of the frames.
+
+    Returns:
+        The light; None if no two frames show the same spot.
     """
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
@@ -313,7 +321,9 @@ def _equally_exposed(window: Window, recorded: NDArray[np.float64] | None) -> Wi
 
 
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
-    """The windows with their frames numbered from 0, and these frames' numbers in the dive."""
+    """Number the frames of the windows from 0; return the windows, and the numbers of these frames
+    in the dive.
+    """
     measured, numbers = np.unique(
         np.concatenate([window.frame for window in windows]), return_inverse=True
     )
@@ -324,7 +334,7 @@ def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]
 
 
 def usable(seen: Observations) -> NDArray[np.bool_]:
-    """(N,) True for observations that are neither dark nor near clipping."""
+    """Select (N,) observations that are neither dark nor near clipping."""
     darkest, brightest = LIMITS.light
     return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
 

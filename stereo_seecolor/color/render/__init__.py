@@ -1,1 +1,1 @@
-"""Taking a known water out of an image."""
+"""Removes a known water from an image."""

@@ -22,7 +22,19 @@ NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
 def correct(
     image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig
 ) -> Correction:
-    """Correct an image. Unknown range is black, or raw by ``config.unknown_pixels``."""
+    """Correct an image at its size and bit depth.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray; unknown where not finite or not above 0.
+        water: The water to remove.
+        tone: Exposure and roll-off of highlights.
+        config: Settings of the color stage; by ``config.unknown_pixels``, pixels of unknown range
+            are black or raw.
+
+    Returns:
+        The corrected frame.
+    """
     from stereo_seecolor.color.render import torch_apply  # loads torch, which --help does without
 
     check_pair(image, range_m)
@@ -42,7 +54,9 @@ def correct(
 def corrected(
     image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig
 ) -> Correction:
-    """The correction of an image from its corrected pixels. clipped: fraction of them."""
+    """Make the correction of an image from its corrected pixels. clipped: fraction of clipped
+    ones.
+    """
     unknown = shown.unknown
     pixels = carry_hue(shown, image)
     if config.unknown_pixels == "raw":
@@ -66,7 +80,18 @@ def corrected(
 def correct_linear(
     image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig
 ) -> NDArray[np.float32]:
-    """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
+    """Compute the corrected image J as linear light.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray; unknown where not finite or not above 0.
+        water: The water to remove.
+        exposure: Gain of all channels.
+        config: Settings of the color stage.
+
+    Returns:
+        (H, W, 3) float32, unclipped, 1 = full scale; 0 where the range is unknown.
+    """
     from stereo_seecolor.color.render import torch_apply
 
     check_pair(image, range_m)

@@ -1,14 +1,14 @@
-"""Ranges for pixels where none was measured, for color alone: carried over from measured neighbors
-of the same color.
+"""Interpolated ranges for unmeasured pixels, for color only, from measured neighbors of the same
+color.
 
     range = S(w z + e r) / S(w + e),   w = z^2 where the range z is measured, 0 elsewhere
 
 S smooths along surfaces of one color and stops at edges (fast global smoother; Min et al. 2014,
-doi:10.1109/TIP.2014.2366600). It is taken three times, from far reach to near: r is the range by
-the reach before, so that the nearest measured ranges count most. What stereo does not see lies
-behind what hides it, so farther neighbors weigh more: the few that lie far from all others, which
-are wrong matches, are left out. Water changes color slowly with range, so a quarter of the
-resolution is enough.
+doi:10.1109/TIP.2014.2366600). It is applied three times, from long to short reach: r is the result
+of the reach before, so that the nearest measured ranges have the most weight. Occluded surfaces lie
+behind, so farther neighbors have more weight; the few ranges far from all others, which are wrong
+matches, are left out. Water changes color slowly with range, so a quarter of the resolution is
+enough.
 """
 
 from dataclasses import dataclass
@@ -23,15 +23,14 @@ from stereo_seecolor.records import Image, Map, Mask
 @dataclass(frozen=True)
 class Smoother:
     """step_px: the resolution, in pixels of the image. reaches: smoothness, far to near; on one
-    color 1000 carries over some 30 steps, 10 over some 3, and 1 over one; each with its passes over
-    rows and columns. One of 100 between them, or a single pass of 1000, draws bands into open
-    water.
+    color 1000 reaches over some 30 steps, 10 over some 3, and 1 over one; each with its passes over
+    rows and columns. An additional 100, or a single pass of 1000, makes bands in open water.
 
     color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise.
-    farther: weight of what the reach before gave, against the mean one of what is measured; before
-    the first reach that is the frame's median range.
-    strays: fraction of a frame's ranges, nearest and farthest each, that are not carried: a dozen
-    wrong pixels at four times the range of a real reef turned a spot of 80x90 pixels red.
+    farther: weight of the result of the reach before, relative to the mean weight of measured
+    ranges; before the first reach it is the median range of the frame.
+    strays: fraction of the ranges of a frame, nearest and farthest each, that are not used: a dozen
+    wrong pixels at four times the range of a real reef made a spot of 80x90 pixels red.
     """
 
     step_px: int = 4
@@ -42,16 +41,24 @@ class Smoother:
 
 
 SAMPLE = 2
-"""Quantiles are of every second row and column of the small maps: all take four times as long."""
+"""Quantiles use every second row and column of the small maps, which takes a quarter of the time.
+"""
 
 
 def carry_ranges(
     image: Image, range_m: Map, seen: Mask | None = None, smoother: Smoother | None = None
 ) -> Map:
-    """The range map with its unknown pixels filled; itself where nothing is known or missing.
+    """Fill the unknown pixels of a range map.
 
-    image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, NaN unknown.
-    seen: (H, W) True where the image shows something; elsewhere the range stays unknown.
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray, NaN = unknown.
+        seen: (H, W) bool, True where the image contains image data; elsewhere the range stays
+            unknown. None = everywhere.
+        smoother: Settings of the smoother; None = the defaults.
+
+    Returns:
+        (H, W) float32, meters; ``range_m`` itself if no range is known or none is missing.
     """
     smoother = smoother or Smoother()
     known = np.isfinite(range_m)

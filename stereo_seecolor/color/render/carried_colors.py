@@ -1,13 +1,14 @@
-"""Limits colors where a range was carried over to those of measured pixels of the same image.
+"""Limits the colors of pixels with an interpolated range to those of measured pixels of the same
+image.
 
-Where the carried range is too large, too much backscatter is taken off, and red, of which water
-leaves least, gets far too much gain: rims and caves before open water come out red. Open water has
-no range at all: what it scatters is taken for a surface, cyan, blue, violet or pink. So where a
-range was carried over, no channel exceeds the greater of the other two by more than in nearly all
-that was measured, red falls below the lesser of the other two by no more than there, and green by
-no more than in half of it. Small holes are left as they are: their ranges lie between measured
-ones, and what is rare in an image, as a red sponge, stays red. So is the strip that the right
-camera does not see: it cannot be matched, whatever it shows.
+If an interpolated range is too large, too much backscatter is subtracted, and red, the most
+attenuated channel, gets far too much gain: rims and caves in front of open water become red. Open
+water has no range; its scattered light, corrected like a surface, becomes cyan, blue, violet or
+pink. So at pixels with an interpolated range, no channel exceeds the greater of the other two by
+more than in nearly all measured pixels, red falls below the lesser of the other two by no more than
+there, and green by no more than in half of them. Small holes are not limited: their ranges lie
+between measured ones, and rare colors, for example of a red sponge, stay. The strip outside the
+view of the right camera is not limited either, because it cannot be matched.
 """
 
 from dataclasses import dataclass
@@ -29,37 +30,45 @@ class BoundSettings:
 
     quantile: float = 0.97
     """Fraction of measured pixels within the bounds: wrong matches and the noise of far ones are a
-    few percent. With 0.95, holes drawn into photographs under water come out 0.1 degrees worse;
-    with 0.97 no open water that was looked at is red.
+    few percent. With 0.95, synthetic holes in photographs under water are 0.1 degrees worse; with
+    0.97 open water was not red in any inspected image.
     """
     green: float = 0.5
-    """Fraction of measured pixels with less green than carried ones may have: open water came out
-    violet.
+    """Fraction of measured pixels below the least green of interpolated ones: without it, open
+    water was violet.
     """
     least_light: float = 0.007
-    """Least linear light that is divided by: ratios of darker pixels are noise."""
+    """Least linear light of a divisor: ratios of darker pixels are noise."""
     every_px: int = 8
-    """Every so many rows and columns are examined."""
+    """Step of rows and columns that are examined."""
     hole_px: int = 15
-    """Width of areas, pixels, from which carried colors are limited: holes are narrower."""
+    """Least width of areas with limited colors, pixels: holes are narrower."""
     fewest: int = 100
-    """Least measured pixels for which bounds are set."""
+    """Least measured pixels for bounds."""
 
 
 SETTINGS = BoundSettings()
 
 
 class Bounds(NamedTuple):
-    """most (3,): of a channel over the greater of the other two. least (3,): over the lesser."""
+    """most (3,): largest ratio of a channel to the greater of the other two. least (3,): least
+    ratio to the lesser.
+    """
 
     most: NDArray[np.float32]
     least: NDArray[np.float32]
 
 
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """The corrected image with colors limited to measured ones where the range was carried over.
+    """Limit the colors of a corrected image to measured ones, at pixels with an interpolated range.
 
-    image: (H, W, 3) encoded uint8 or uint16, or float32 in linear light.
+    Args:
+        image: (H, W, 3), encoded uint8 or uint16, or float32 in linear light.
+        carried: (H, W) bool, True where the range is interpolated.
+        measured: (H, W) bool, True where the range is measured.
+
+    Returns:
+        The image with limited colors, same shape and type.
     """
     every = slice(None, None, SETTINGS.every_px), slice(None, None, SETTINGS.every_px)
     bounds = bounds_of(image[every], measured[every]) if carried.any() else None
@@ -89,11 +98,12 @@ def _wide(carried: Mask) -> Mask:
     return np.asarray(carried & (reach > 0))
 
 
-def seen_by_both(carried: Mask, outside: Mask) -> Mask:
-    """The carried areas but for those that lie outside the right image for the greater part.
+def inside_right_image(carried: Mask, outside: Mask) -> Mask:
+    """Return the interpolated areas without those that lie mostly outside the right image.
 
-    carried: (H, W) where the range was carried over. outside: (H, W) where the right image does not
-    reach (``RectifiedPair.outside_right``).
+    Args:
+        carried: (H, W) True where the range is interpolated.
+        outside: (H, W) True outside the right image (``RectifiedPair.outside_right``).
     """
     wide = _wide(carried)
     _, labels = cv2.connectedComponents(wide.view(np.uint8))
@@ -111,7 +121,7 @@ def _others(c: int) -> list[int]:
 
 
 def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
-    """The bounds from measured pixels of these; None where there are too few."""
+    """Compute the bounds from the measured pixels; None if there are too few."""
     encoded = np.issubdtype(image.dtype, np.integer)
     dark = (
         encode_srgb(np.array(SETTINGS.least_light)) * np.iinfo(image.dtype).max

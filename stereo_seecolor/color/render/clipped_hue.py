@@ -1,9 +1,10 @@
-"""Colors of pixels whose hue the camera clipped: those of their clipped neighbors.
+"""The hue of pixels that lost it by clipping: the mean of their clipped neighbors with a hue.
 
-Where one channel of a bright rock is clipped, the others still say that it is yellow; where all
-are, or two and the third says no less than gray, the correction shows gray. On bright texture both
-alternate from pixel to pixel. So the second kind takes the mean hue of the first kind around it;
-gray where there is none. A channel that was not clipped stays.
+If one channel of a bright rock is clipped, the others still show its hue, for example yellow. If
+all are clipped, or two and the third is not below gray, the correction shows gray. On bright
+texture both cases alternate from pixel to pixel. So pixels of the second kind get the mean hue of
+pixels of the first kind around them, or gray if there are none. Channels that were not clipped do
+not change.
 """
 
 from typing import Any
@@ -17,18 +18,20 @@ from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.records import Image
 
 WIDTH, LEAST_PX = 0.012, 9
-"""Width of the neighborhood, as a fraction of the image's, and in pixels at least."""
+"""Width of the neighborhood: fraction of the image width, and least pixels."""
 GRAY = 0.05
-"""Fraction of a neighborhood with a hue below which gray prevails."""
+"""Least fraction of a neighborhood with a hue; below it, the pixel becomes gray."""
 
 NEARLY_GRAY = 0.04
-"""Channels that differ by less, relatively, were made equal by the correction."""
+"""Relative difference of channels below which the correction made them equal."""
 
 
 def carry_hue(shown: Shown, image: Image) -> NDArray[Any]:
-    """The corrected image, in which pixels of clipped hue have that of their clipped neighbors.
+    """Give pixels without a hue that of their clipped neighbors; return the corrected image.
 
-    shown: the correction. image: (H, W, 3), as the camera gave it.
+    Args:
+        shown: The correction.
+        image: (H, W, 3), the raw image.
     """
     at, top = np.flatnonzero(shown.unrecoverable), np.iinfo(image.dtype).max
     camera, colors = image.reshape(-1, 3)[at], shown.image.reshape(-1, 3)

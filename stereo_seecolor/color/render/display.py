@@ -1,7 +1,7 @@
 """The exposure of an image for display, and the roll-off of highlights beyond full scale.
 
-A scene is shown at one median brightness. Where its brightest would then clip, light above mid-gray
-is compressed: all channels of a pixel by one factor, which depends on its brightest channel alone.
+A scene is shown at one median brightness. If its brightest pixels would clip, light above mid-gray
+is compressed: all channels of a pixel by one factor, which depends only on its brightest channel.
 Chromaticity does not change, and light up to mid-gray stays linear.
 """
 
@@ -20,25 +20,29 @@ from stereo_seecolor.color.table.encoding import (
 from stereo_seecolor.files import srgb
 
 BRIGHTEST_SHOWN = 0.97
-"""Displayed value of the brightest pixel that may not clip: leaves room for a target's noise."""
+"""Displayed value of the brightest pixel that must not clip: leaves a margin for the noise of a
+target.
+"""
 BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
 """The same in linear light."""
 NODES = 16384
 """Steps of the encoding curve from light 0 to 1: at most a fifth of an 8-bit step."""
 REACH = 5
-"""Light up to this many times full scale keeps its order before it rolls off. Exposure goes no
-further: the bright parts of a picture turn flat and pale, and noise is brightened, too. With 4,
-dark corals beside sunlit sand are shown at a median of 0.13 to 0.14.
+"""Largest light, times full scale, that the roll-off distinguishes; it limits exposure, because
+more makes the bright parts of an image flat and pale, and brightens noise. With 4, dark corals next
+to sunlit sand are shown at a median of 0.13 to 0.14.
 """
 CODES = {8: 128, 16: 1}
-"""Codes a value, by bit depth: 8-bit values are rounded from codes, in 16 bits."""
+"""Codes per value, by bit depth: 8-bit values are rounded from 16-bit codes."""
 FULL_FROM, FULL_AT = 0.95, 0.99
-"""Encoded: from the second on, a value is only a lower bound of the light; between, in part."""
+"""Encoded values: from the second on, a value is only a lower bound of the light; between the two,
+in part.
+"""
 
 
 class Tone(NamedTuple):
-    """exposure: gain of all channels. highlights: light of so many times the brightest light shown
-    is rolled off to it; 1 = no roll-off.
+    """exposure: gain of all channels. highlights: largest light, as a multiple of the brightest
+    light shown, that is rolled off to it; 1 = no roll-off.
     """
 
     exposure: float
@@ -49,12 +53,11 @@ class Display(NamedTuple):
     """Tables that convert a camera's values to light, and light to displayed values; V = 256 or
     65536.
 
-    decoded (V,): linear light of a value. known (V,): 1; less for values so high that the camera
-    may have clipped them.
-    curve (81922,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes (81922,): the
-    same rounded, for look-up tables of 8 bits. values (81922,): displayed value of each code; of no
-    nodes where highlights roll off. shoulder (5,): knee, length and bend of the roll-off, in codes;
-    values per code; the value of code 0, negated, less a half for rounding.
+    decoded (V,): linear light of a value. known (V,): 1; less for values that the camera may have
+    clipped. curve (81922,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes
+    (81922,): the same rounded, for look-up tables of 8 bits. values (81922,): displayed value of
+    each code; of no nodes where highlights roll off. shoulder (5,): knee, length and bend of the
+    roll-off, in codes; values per code; the value of code 0, negated, less a half for rounding.
     """
 
     decoded: NDArray[np.float32]
@@ -67,9 +70,9 @@ class Display(NamedTuple):
 
 @lru_cache(maxsize=8)
 def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Display:
-    """The tables for images of 8 or 16 bits.
+    """Compute the tables for images of 8 or 16 bits.
 
-    Light up to mid-gray is shown in proportion. Above, the code of a pixel's brightest channel
+    Light up to mid-gray is shown linearly. Above it, the code of a pixel's brightest channel
     follows Reinhard's curve (2002, eq. 4), with slope 1 at mid-gray, which takes ``highlights``
     times the brightest light shown to that light; the other channels keep their ratio to it. Codes
     are sRGB values from the origin of its power law, so that a factor on codes is a factor on light

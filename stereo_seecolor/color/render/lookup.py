@@ -1,6 +1,7 @@
-"""Looks up the displayed values of 8-bit pixels by range bin and value: loops without physics.
+"""Looks up the displayed values of 8-bit pixels by range bin and value.
 
-Without numba's own threads, whose simplest layer two threads must not enter at once.
+It does not use numba's threads, because two threads must not enter their simplest layer at the same
+time.
 """
 
 from typing import Any, NamedTuple
@@ -14,11 +15,11 @@ from stereo_seecolor.color.table.range_bins import LOW_BITS
 from stereo_seecolor.compute.compiled import compiled
 
 FINE_SHIFT = LOW_BITS - FINE.bit_length() + 1
-"""A fine range bin is a position after a shift by this many bits."""
+"""A position shifted by this many bits is a fine range bin."""
 ROW = 3 * 256
 """Entries of a range bin in a look-up table."""
 BLOCK = 4096
-"""Pixels that are looked up together: three channels of them stay in the first cache."""
+"""Pixels that are looked up together: their three channels fit into the first-level cache."""
 
 
 class Shown(NamedTuple):
@@ -35,7 +36,8 @@ class Shown(NamedTuple):
 def fine_bins(bits: Any, fine: Any, unknown: Any) -> Any:
     """Write fine range bins (N,) of float32 bits of ranges, FINE_BINS where unknown.
 
-    Returns the nearest and farthest bin (nearest > farthest for none), and how many are known.
+    Returns the nearest and farthest bin (nearest > farthest for none), and the number of known
+    ranges.
     """
     nearest, farthest, known = np.uint32(FINE_BINS), np.uint32(0), bits.size
     for i in range(bits.size):
@@ -54,11 +56,11 @@ def look_up(
 ) -> Any:
     """Write the displayed values (N, 3) of 8-bit pixels; 0 where the range is unknown.
 
-    table (1025 * 768,): displayed values by fine range bin, channel and value; or codes, which are
-    multiplied by a factor for the pixel's greatest code. roll_off: factors (65536,), of no codes
-    where the table holds values; and what is subtracted.
-    limits: bins (1025,) that must be computed, and the value from which a pixel must. Writes the
-    numbers of these pixels into ``special``, and returns how many.
+    table (1025 * 768,): displayed values by fine range bin, channel and value; or codes, to be
+    multiplied by a factor for the greatest code of the pixel. roll_off: factors (65536,), empty if
+    the table contains values; and the number to subtract.
+    limits: bins (1025,) that must be computed, and the least value of a pixel that must be
+    computed. Writes the indices of these pixels into ``special``, and returns their number.
     """
     (factors, zero), (capped, near), number = roll_off, limits, L(0)
     codes = np.empty(3 * BLOCK, table.dtype)
@@ -118,7 +120,7 @@ def _display(codes: Any, factors: Any, zero: Any, by_pixel: Any, out: Any) -> No
 
 @compiled
 def count_full(values: Any, full: int) -> Any:
-    """Number of pixels (N, 3) with a channel at full scale; in 32 bits, so that the compiler
+    """Count the pixels (N, 3) with a channel at full scale; in 32 bits, so that the compiler
     vectorizes it.
     """
     flat, number = values.reshape(-1), np.int32(0)

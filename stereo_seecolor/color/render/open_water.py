@@ -1,4 +1,4 @@
-"""Pixels of open water that matching took for the reef beside them."""
+"""Finds pixels of open water that matching assigned to the reef next to them."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,18 @@ from stereo_seecolor.water.model import Water
 
 @dataclass(frozen=True)
 class OpenWater:
-    """What is taken for open water: large areas of unknown range that are for the greater part
-    even, and as bright as what the water scatters at infinity.
+    """Conditions for open water: large areas of unknown range that are mostly uniform, and as
+    bright as the backscatter at infinity.
 
-    large: least part of the picture; shadows of corals are smaller.
-    wide_px: least width of an area, and how far beside it measured pixels may show its water.
-    contrast: greatest standard deviation of its color, of its brightest channel; rock in shadow has
-    0.1.
+    large: least fraction of the image; shadows of corals are smaller.
+    wide_px: least width of an area, and largest distance of measured pixels that may show its
+    water.
+    contrast: largest standard deviation of its color, relative to its brightest channel; rock in
+    shadow has 0.1.
     bright: least and greatest light over the backscatter at infinity, of each channel: 0.6 to 2.4
     for open water in four real frames; red of sand at 2 m is 6 to 7 times as bright.
-    noise: least standard deviation that is counted on, a camera's, 8-bit values.
-    stds: how many a pixel of its color may be off.
+    noise: least standard deviation, the noise of a camera, 8-bit values.
+    stds: largest deviation of a pixel from its color, in standard deviations.
     """
 
     large: float = 0.02
@@ -39,12 +40,19 @@ OPEN_WATER = OpenWater()
 
 
 def without_open_water(image: Image, range_m: Map, water: Water, seen: Mask | None = None) -> Map:
-    """The range map without pixels that show the open water beside what was measured; itself where
-    there are none.
+    """Remove the ranges of pixels that show open water next to measured surfaces.
 
-    Matching, and range maps of other programs, make what stands before open water wider than it is.
-    Corrected at the range of the reef, the water around it comes out blue. water: taken out of the
-    image. Other parameters as of ``carry_ranges``.
+    Matching, and range maps of other programs, make objects in front of open water wider than they
+    are. Corrected at the range of the reef, the water around them becomes blue.
+
+    Args:
+        image: (H, W, 3) RGB, uint8 or uint16.
+        range_m: (H, W) float32, meters along the ray, NaN = unknown.
+        water: The water to remove from the image.
+        seen: As in ``carry_ranges``.
+
+    Returns:
+        (H, W) float32, meters; ``range_m`` itself if there are no such pixels.
     """
     known = np.isfinite(range_m)
     unknown = ~known if seen is None else ~known & seen

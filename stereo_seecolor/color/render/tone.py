@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.display import BRIGHTEST_LIGHT, BRIGHTEST_SHOWN, REACH, Tone
-from stereo_seecolor.color.render.water_gains import FINE, fine_ranges_m, unexposed
+from stereo_seecolor.color.render.water_gains import FINE, fine_ranges_m, unit_exposure_gains
 from stereo_seecolor.color.table.encoding import (
     decoded_bins,
 )
@@ -14,21 +14,24 @@ from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.records import Water
 
 CLIPPED_FRACTION = 0.0005
-"""Of all pixels, those that may clip: a distant white card can cover only 0.1 % of a frame."""
+"""Largest fraction of pixels that may clip: a distant white card can cover only 0.1 % of a frame.
+"""
 BRIGHT_PART = 0.05
-"""Fraction of the pixels that is brighter than sand in shade: sand and pale rock, which differ less
-from scene to scene than the median does.
+"""Fraction of the pixels brighter than sand in shade: sand and pale rock, which differ less between
+scenes than the median.
 """
 BRIGHT_BY_MEDIAN = 2.5
-"""Their light over the median's, in a scene that is shown at ``config.median_luminance``. Halves of
-a real dive have 2.4 and 2.8.
+"""Ratio of their light to that of the median, in a scene that is shown at
+``config.median_luminance``. Halves of a real dive have 2.4 and 2.8.
 """
 MOST_LIGHTER = 1.2
-"""Factor by which the median may be shown lighter or darker so that bright parts are alike."""
+"""Largest factor by which the median is shown lighter or darker, so that bright parts agree."""
 STRAYS = 0.02
-"""At most this fraction of the pixels, those with most gain, is left out of the choice,"""
+"""Largest fraction of the pixels, those with the largest gain, that is left out of the choice,"""
 STRAY_GAIN = 8.0
-"""where the least attenuated channel's gain is so much above the median's: wrong ranges."""
+"""if the gain of the least attenuated channel exceeds that of the median by this factor: wrong
+ranges.
+"""
 _MANTISSA_BITS = 16
 """Bits of float32's mantissa that are dropped for a histogram of 128 bins an octave."""
 _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
@@ -36,12 +39,14 @@ _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
 
 
 def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
-    """The tone of median luminance about ``config.median_luminance``, as near as highlights allow.
+    """Choose the tone with a median luminance as near to ``config.median_luminance`` as highlights
+    allow.
 
-    That is the luminance of the channels' medians: it is where channels rise and fall together.
+    The median luminance is that of the medians of the channels, which is equal if channels are
+    correlated.
     """
     occupied = np.flatnonzero(table.pixels)
-    gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
+    gain, offset = unit_exposure_gains(water, fine_ranges_m()[occupied * FINE + FINE // 2])
     judged = _judged(gain.min(axis=0), table.pixels[occupied])
     occupied = occupied[judged]
     gain = np.ascontiguousarray(gain[:, judged])

@@ -1,7 +1,7 @@
-"""The light of pixels without the water, and the values it is displayed as: one formula each.
+"""The light of pixels without the water, and its displayed values: one formula each.
 
-On the processor ``lookup`` reads a table made of them for 8-bit pixels; the rest is computed.
-Pixels are counted here, too, on any device of torch.
+On the processor ``lookup`` reads a table of these formulas for 8-bit pixels; others are computed.
+Pixels are also counted here, on any device of torch.
 """
 
 from typing import Any, NamedTuple
@@ -20,11 +20,13 @@ from stereo_seecolor.compute.threads import in_parts
 
 CPU = torch.device("cpu")
 PART_PIXELS = 65536
-"""Pixels that one thread takes at least: fewer are not worth another one."""
+"""Least pixels of a thread: for fewer, another thread takes longer to start."""
 
 
 class Tensors(NamedTuple):
-    """``Gains`` and ``Display`` on a device; those by bin with one more, for unknown range."""
+    """``Gains`` and ``Display`` on a device; tables by bin have an additional bin for unknown
+    range.
+    """
 
     gain: Tensor
     offset: Tensor
@@ -39,7 +41,7 @@ class Tensors(NamedTuple):
 
     @classmethod
     def of(cls, gains: Gains, shown: Display, device: torch.device) -> "Tensors":
-        """Both, on this device."""
+        """Copy both to this device."""
         by_bin = (
             np.pad(part.T, ((0, 1), (0, 0))) for part in (gains.gain, gains.offset, gains.missing)
         )
@@ -60,7 +62,7 @@ def on_processor(
 ) -> tuple[Shown, float]:
     """Correct (N, 3) pixels at (N,) ranges, given as float32 bits, on the processor.
 
-    Returns the corrected pixels, and the fraction of those of known range at full scale.
+    Returns the corrected pixels, and the fraction of pixels with a range that are at full scale.
     """
     out = Shown(
         np.zeros(image.shape, image.dtype),
@@ -115,9 +117,9 @@ def on_processor(
 def apply_on(
     pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool
 ) -> tuple[Tensor, Tensor, Tensor, float]:
-    """Correct (N, 3) pixels and (N,) bits that are on a device. eight: of 8 bits, else 16.
+    """Correct (N, 3) pixels at (N,) ranges, given as bits, on a device. eight: 8 bits, else 16.
 
-    Returns int32 pixels, where the range is unknown and colors are lost, and the fraction clipped.
+    Returns int32 pixels, masks of unknown ranges and of lost colors, and the clipped fraction.
     """
     device, fine = pixels.device, (positions(bits) >> FINE_SHIFT).to(torch.int32)
     tensors, unknown = Tensors.of(gains, shown, device), fine == FINE_BINS
@@ -143,7 +145,7 @@ def apply_on(
 def linear(
     image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display
 ) -> NDArray[np.float32]:
-    """(N, 3) float32 linear light, neither clipped nor encoded; 0 where unknown."""
+    """Compute linear light, (N, 3) float32, neither clipped nor encoded; 0 where unknown."""
     out, tensors = np.empty(image.shape, np.float32), Tensors.of(gains, shown, CPU)
 
     def part(a: int, b: int) -> None:
@@ -158,8 +160,8 @@ def linear(
 
 
 def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
-    """(1025 * 768,) code of each 8-bit value in each of these fine bins, or its displayed value
-    where nothing is rolled off; black for unknown range; other rows are not set.
+    """Compute the code of each 8-bit value in each of these fine bins, (1025 * 768,), or its
+    displayed value without roll-off; black for unknown range; other rows are not set.
     """
     light = tensors.gain[bins, :, None] * tensors.decoded - tensors.offset[bins, :, None]
     node = (

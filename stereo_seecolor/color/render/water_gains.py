@@ -1,5 +1,5 @@
-"""Gain and offset that remove the water, by channel and range, and the limit that noise sets to the
-gain.
+"""Gain and offset that remove the water, by channel and range, and the limit of the gain by
+noise.
 """
 
 from functools import cache
@@ -19,27 +19,27 @@ MID_GRAY = 0.18
 """Linear light of a surface in the middle of the grays."""
 
 INPUT_NOISE = 0.006
-"""Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255; of linear images as
-if they were encoded in sRGB.
+"""Standard deviation of the noise of a pixel, fraction of full scale: 1.5 of 255; for linear images
+as if they were encoded in sRGB.
 """
 OUTPUT_NOISE = 0.06
-"""Noise, fraction of full scale in linear light, at which a channel's gain stops: a third of
-mid-gray, the limit of detection.
+"""Largest noise of a channel, fraction of full scale in linear light, which limits its gain: a
+third of mid-gray, the limit of detection.
 """
 FINE = 4
 FINE_BINS = FINE * RANGE_BINS
-"""Bins of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
+"""Bins of gain: 128 per octave, steps of 0.4 to 0.8 % in range, too fine for visible bands."""
 
 
 class Gains(NamedTuple):
     """J = gain I - offset, for each channel and fine range bin.
 
     gain, offset: (3, 1024) float32, offset as a fraction of full scale. capped: (1025,) bool, True
-    where noise limits a gain; the last is for unknown range: False. missing: (3, 1024) float32,
-    fraction of a channel's light that its limit leaves out, relative to the channel that is limited
-    least. noise: (1024,) float32, of the light of a black surface, root mean square of the
-    channels, above that which exposure alone gives. matrix: (3, 3) float32, mixes the channels of
-    J; of no rows where they are not mixed.
+    where noise limits a gain; the last bin is for unknown range: False. missing: (3, 1024) float32,
+    fraction of the light of a channel that its limit removes, relative to the channel with the
+    least limit. noise: (1024,) float32, of the light of a black surface, root mean square of the
+    channels, above the noise from exposure alone. matrix: (3, 3) float32, mixes the channels of J;
+    without rows if they are not mixed.
     """
 
     gain: NDArray[np.float32]
@@ -52,20 +52,22 @@ class Gains(NamedTuple):
 
 @cache
 def fine_ranges_m() -> NDArray[np.float64]:
-    """(1024,) middle of each fine range bin, meters: 128 an octave from 1/8 m to 32 m."""
+    """Return the (1024,) middle of each fine range bin, meters: 128 per octave from 1/8 m to 32
+    m.
+    """
     edges = range_edges_m()
     steps = (np.arange(FINE) + 0.5) / FINE
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
 
 
 def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
-    """The gains that remove this water and show the scene at this exposure.
+    """Compute the gains that remove this water and show the scene at this exposure.
 
     A channel that noise limits more than another is weighted by the square of the ratio of their
     limits, as in Wiener's filter. A color matrix multiplies a channel's noise by at most the
     largest entry of its column.
     """
-    wanted, subtracted = unexposed(water, fine_ranges_m())
+    wanted, subtracted = unit_exposure_gains(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
     most = (
         OUTPUT_NOISE
@@ -87,10 +89,10 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
 
 
-def unexposed(
+def unit_exposure_gains(
     water: Water, range_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3, N) gain and offset of J = gain I - offset at (N,) ranges and exposure 1."""
+    """Compute (3, N) gain and offset of J = gain I - offset at (N,) ranges and exposure 1."""
     gain = (
         1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
     )

@@ -1,1 +1,1 @@
-"""The response of a camera: from the values of a file to the light that its sensor saw."""
+"""The response of a camera: from the values of a file to the light on its sensor."""

@@ -1,4 +1,4 @@
-"""The laws of a sensor's noise over brightness, as a response shows them: linear or encoded."""
+"""The laws of sensor noise over brightness, for linear and encoded values."""
 
 from collections.abc import Callable
 from typing import Literal, NamedTuple
@@ -16,20 +16,21 @@ DECODERS: dict[str, Callable[[Array], Array]] = {
     "srgb": decode_srgb,
     "gamma": lambda value: value**1.8,
 }
-"""Value -> light. gamma: the flattest encoding in use, from which linear images are told."""
+"""Value -> light. gamma: the flattest encoding in use, which is compared with linear images."""
 STEP = 1e-3
-"""Of a value, for slopes."""
+"""Step of a value for slopes."""
 LEAST_BINS = 6
-"""Of brightness, that hold more than the noise of rounding."""
+"""Least bins of brightness with more than the noise of rounding."""
 FRAME_MISFIT = 0.25
-"""Logarithm, rms: a line of a single frame that is off by more has no certain zero."""
+"""Largest misfit of a line to a single frame, logarithm, rms; with more, its zero is not reliable.
+"""
 
 
 class Law(NamedTuple):
     """The noise of a sensor seen through a response.
 
-    misfit: rms of logarithms. zero: light at which the line of the noise ends, fraction of full
-    scale. misfit_at_zero: of the best line that ends at no light or below.
+    misfit: rms of logarithms. zero: light at which the line of the noise reaches 0, fraction of
+    full scale. misfit_at_zero: of the best line that reaches 0 at no light or below.
     """
 
     misfit: float
@@ -41,7 +42,7 @@ def fit_law(curve: NoiseCurve, bins: NDArray[np.bool_], encoding: Encoding) -> L
     """Fit variance = quantization + factor (light - zero) / slope ** 2 to a curve.
 
     light, slope: of the brightness, decoded, and its derivative. zero: at most the light of the
-    darkest value; below 0 where noise of reading is added.
+    darkest value; below 0 if there is read noise.
     """
     decode, mean = DECODERS[encoding], curve.mean[bins] / 255
     light, slope = decode(mean), (decode(mean + STEP) - decode(mean - STEP)) / (2 * STEP)
@@ -71,7 +72,7 @@ def _misfits(shape: Array, variance: Array, quantization: float) -> Array:
 
 
 def frame_law(blocks: Blocks, quantization: float, encoding: Encoding) -> Law | None:
-    """The law of one channel of one frame; None where its noise does not follow it."""
+    """Fit the law of one channel of one frame; None if its noise does not follow it."""
     curve = noise_curve([blocks], quantization)
     above = curve is not None and curve.variance > 2 * quantization
     if curve is None or np.sum(above) < LEAST_BINS:

@@ -23,36 +23,38 @@ from stereo_seecolor.color.response.response import Response, as_rgb
 from stereo_seecolor.records import Image
 
 SURE = 2.0
-"""Ratio of the misfits of two laws from which one is taken: on 36 drawn cameras of each kind linear
-images have 2.2 and more, encoded ones at most 1.7 (denoised); real dives 3.0 to 4.2, a photograph
-of unknown tone curve 1.4.
+"""Least ratio of the misfits of two laws for a decision: on 36 synthetic cameras of each kind
+linear images have 2.2 and more, encoded ones at most 1.7 (denoised); real dives 3.0 to 4.2, a
+photograph of unknown tone curve 1.4.
 """
 CONTRADICTED = 1.3
 """Ratio below which a single channel contradicts the others."""
 MOST_MISFIT = 0.35
-"""Logarithm, rms: a law that is off by more does not describe the noise."""
+"""Largest misfit of a law, logarithm, rms."""
 MOST_WHITENESS = 3.3
-"""Drawn sensors 0.9 to 3.1, also at half size; JPEG of quality 95 3.8 and more."""
+"""Largest whiteness of sensor noise: synthetic sensors 0.9 to 3.1, also at half size; JPEG of
+quality 95 3.8 and more.
+"""
 BELOW_ZERO = 0.5
-"""Fraction of the brightest mean: a line that crosses zero so far below is nearly flat."""
+"""Fraction of the brightest mean: a line that reaches 0 so far below it is nearly flat."""
 FLAT = 0.15
-"""The same, where the linear law fits no better than the encoded one."""
+"""The same, if the linear law does not fit better than the encoded one."""
 PEDESTAL_BETTER = 1.4
-"""Times that a line through zero fits worse, at least, where there is a pedestal: 1.6 to 2.3 on
-drawn cameras with one and on a real dive, 1.2 at most on those without.
+"""Least ratio of the misfit of a line through zero to that with a pedestal, if there is one: 1.6 to
+2.3 on synthetic cameras with one and on a real dive, 1.2 at most on those without.
 """
 LEAST_PEDESTAL = 3 / 255
-"""Fraction of full scale that is worth taking off."""
+"""Least pedestal that is subtracted, fraction of full scale."""
 
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """The response, and how it was found.
+    """The response, and the evidence for it.
 
     Attributes:
-        response: sRGB where nothing could be decided.
+        response: sRGB if undecided.
         verdict: linear, encoded, or undecided.
-        ratio: How many times worse the encoded law fits than the linear one; NaN without noise.
+        ratio: Misfit of the encoded law divided by that of the linear one; NaN without noise.
     """
 
     response: Response
@@ -61,7 +63,7 @@ class MeasuredResponse:
 
     @property
     def line(self) -> str:
-        """One line for the user."""
+        """Return one line for the user."""
         if self.verdict == "linear" and np.isnan(self.ratio):
             return "linear light, as the first file states: its noise says nothing of it"
         if self.verdict == "linear":
@@ -88,8 +90,8 @@ def measure_response(images: Sequence[Image]) -> MeasuredResponse:
     """Measure the response of one camera.
 
     Args:
-        images: Some frames of it, each (H, W, 3) RGB, uint8 or uint16, as the camera gave them:
-            not rectified, resized or denoised where that can be had.
+        images: Some frames of it, each (H, W, 3) RGB, uint8 or uint16, raw: not rectified, resized
+        or denoised, if possible.
 
     Returns:
         The response. It is sRGB unless the noise shows another.

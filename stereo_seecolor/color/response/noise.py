@@ -1,7 +1,7 @@
 """The noise of a camera over brightness, from the smoothest blocks of its images.
 
 Photon noise has a variance that is proportional to the light (Janesick 2007, *Photon Transfer*).
-``laws`` has what a response makes of it.
+``laws`` describes the effect of a response.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,24 +18,28 @@ Plane = NDArray[np.float32]
 Values = NDArray[np.unsignedinteger]
 
 SECOND_DIFFERENCE = np.array([1, -2, 1], np.float32) / np.sqrt(np.float32(6))
-"""Along rows and columns: blind to slopes; white noise passes with its own variance."""
+"""Filter along rows and columns: it removes slopes and preserves the variance of white noise."""
 WIDE = np.array([1, 0, -2, 0, 1], np.float32) / np.sqrt(np.float32(6))
-"""The same over twice the distance: white noise passes alike, texture more."""
+"""The same over twice the distance: the variance of white noise is the same, that of texture is
+larger.
+"""
 BLOCK_PX = 10
 """100 values: the variance of a block has a standard error of some 20 %."""
 BINS = 14
-"""Of brightness, evenly in its root, since dark blocks are many: a curve takes two parameters."""
+"""Bins of brightness, uniform in its root, because there are many dark blocks; a curve has two
+parameters.
+"""
 LEAST_BLOCKS = 80
-"""Of a bin; fewer hold no smooth ones."""
+"""Least blocks of a bin; with fewer, none is smooth."""
 SMOOTHEST, LEAST_SMOOTHEST = 0.03, 12
-"""Fraction of a bin's blocks that show noise alone, and their number at least."""
+"""Fraction of the blocks of a bin that contain only noise, and least number of these."""
 BRIGHTEST, DARKEST = 245.0, 3.0
-"""Of 255: blocks with brighter values may be clipped, darker ones are cut at zero."""
+"""Of 255: blocks with brighter values may be clipped, those with darker ones are cut at zero."""
 DARK_QUANTILE = 1e-4
-"""Of a plane's values above 0: at or above the pedestal."""
+"""Quantile of the values above 0 of a channel: at or above the pedestal."""
 NATIVE = 1.6
-"""Times as much noise at a site of the color's own, at least, as at one that was interpolated from
-its neighbors; means of two to four have half to a quarter of the variance.
+"""Least ratio of the noise at pixels measured in a color to that at interpolated ones, in
+demosaiced images; means of two to four have half to a quarter of the variance.
 """
 
 
@@ -46,8 +50,8 @@ class NoiseCurve:
     Attributes:
         mean: (K,) brightness.
         variance: (K,) of the noise.
-        whiteness: Median ratio of the noise over two pixels to that over one: near 0.7 to 2 for the
-            noise of a sensor, more after denoising and compression, or with texture alone in view.
+        whiteness: Median ratio of the noise over two pixels to that over one: about 0.7 to 2 for
+        the noise of a sensor, more after denoising and compression, or if all blocks have texture.
         darkest: The least of the images' darkest values.
         quantization: Variance that rounding adds.
     """
@@ -70,7 +74,7 @@ class Blocks:
 
 
 def blocks_of(plane: Values, factor: np.float32) -> Blocks:
-    """The blocks of one channel, of the sites where its filter let the sensor see it.
+    """Compute the blocks of one channel, from the pixels at which the sensor measured it.
 
     Args:
         plane: (H, W) values of an image's channel, unsigned integers.
@@ -135,7 +139,7 @@ def _cut(plane: Plane) -> NDArray[np.float32]:
 
 
 def noise_curve(images: Sequence[Blocks], quantization: float) -> NoiseCurve | None:
-    """The curve of the blocks of one channel of several images; None where they are too few.
+    """Compute the curve of the blocks of one channel of several images; None if there are too few.
 
     The smoothest blocks of a bin are chosen by their noise over two pixels, so that the choice
     does not lower the noise that is measured.
@@ -175,7 +179,7 @@ def _rows(
 
 
 def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
-    """Blocks of each image, by channel; of one channel where all images are monochrome."""
+    """Compute the blocks of each image, by channel; of one channel if all images are monochrome."""
     number = 1 if all(is_monochrome(image) for image in images) else 3
     scale = [np.float32(255 / np.iinfo(image.dtype).max) for image in images]
     return [
@@ -188,5 +192,5 @@ def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
 
 
 def quantization_of(images: Sequence[Image]) -> float:
-    """Variance that rounding to 8 bits adds."""
+    """Return the variance that rounding to 8 bits adds."""
     return 1 / 12 if images and images[0].dtype == np.uint8 else 0.0

@@ -1,4 +1,4 @@
-"""What a file's values say of the light: encoding and pedestal of a camera, and their removal."""
+"""The relation of file values to light: encoding and pedestal of a camera, and their removal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ NONE: Rgb = (0.0, 0.0, 0.0)
 
 
 def as_rgb(values: Sequence[float]) -> Rgb:
-    """Three numbers as R, G, B."""
+    """Convert three numbers to R, G, B."""
     red, green, blue = values
     return float(red), float(green), float(blue)
 
@@ -34,9 +34,8 @@ class Response:
 
     Attributes:
         encoding: linear: values are proportional to light. srgb: they are encoded for a screen.
-            as-is: values are taken as they are, as the paper's method takes them.
-        pedestal: R, G, B that the camera gives without light, in linear light as a fraction of
-            full scale, 0 to 0.5.
+            as-is: values are used unchanged, as in the paper.
+        pedestal: R, G, B without light, in linear light, fraction of full scale, 0 to 0.5.
     """
 
     encoding: Encoding = "srgb"
@@ -44,25 +43,25 @@ class Response:
 
     @classmethod
     def of(cls, config: ColorConfig) -> "Response":
-        """The response that the settings state; sRGB where they leave it to be measured."""
+        """Return the response of the settings; sRGB if it is to be measured."""
         return cls(config.encoding, config.pedestal)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of ``ColorConfig`` that state it."""
+        """Return the settings of ``ColorConfig`` for this response."""
         return {"input_encoding": self.encoding, "pedestal": self.pedestal}
 
     @property
     def is_identity(self) -> bool:
-        """Whether images stay as they are."""
+        """Whether images do not change."""
         return self.encoding != "linear" and not any(self.pedestal)
 
     def of_frame(self, image: Image) -> "Response":
-        """The response of one frame, whose pedestal is at most its darkest light.
+        """Return the response of one frame, whose pedestal is at most its darkest light.
 
         Args:
-            image: (H, W, 3) RGB, uint8 or uint16, as the camera gave it: not rectified, which adds
-                black borders.
+            image: (H, W, 3) RGB, uint8 or uint16, raw: not rectified, because that adds black
+            borders.
 
         Returns:
             The response.
@@ -75,14 +74,14 @@ class Response:
         return Response(self.encoding, as_rgb(np.minimum(self.pedestal, light).round(4).tolist()))
 
     def standard(self, image: Image) -> Image:
-        """Encode an image by sRGB, with its pedestal taken off.
+        """Encode an image by sRGB, without its pedestal.
 
         Args:
             image: (H, W, 3) RGB, uint8 or uint16; rectified or not.
 
         Returns:
             The same light as sRGB values of the same bit depth. Values at full scale stay there, so
-            that what the camera clipped can be told.
+            that clipped pixels are still recognized.
         """
         if self.is_identity:
             return image
@@ -106,6 +105,6 @@ def _table(response: Response, bit_depth: int) -> NDArray[Any]:
 
 
 def standard_config(config: ColorConfig) -> ColorConfig:
-    """The settings of the color stage for images that ``Response.standard`` has encoded."""
+    """Return the settings of the color stage for images that ``Response.standard`` has encoded."""
     encoding = "as-is" if config.input_encoding == "as-is" else "srgb"
     return config.model_copy(update={"input_encoding": encoding, "pedestal": NONE})

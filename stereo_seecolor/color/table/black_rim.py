@@ -1,8 +1,8 @@
-"""Detects black rims around an image: the edge of a port or a lens shade, or the bars of a wide
+"""Detects black rims around an image: the edge of a port or a lens hood, or the bars of a wide
 format.
 
-All of a scene lies behind water with backscatter. Black pixels with a known range are not part of
-the scene, and even a few of them would make a fit find no backscatter.
+All surfaces of a scene lie behind water with backscatter, so black pixels with a range are not part
+of the scene; with a few of them the fit would give no backscatter.
 """
 
 from dataclasses import dataclass
@@ -18,24 +18,28 @@ from stereo_seecolor.records import Image, Map
 
 @dataclass(frozen=True)
 class RimLimits:
-    """What counts as a black rim."""
+    """Limits of a black rim."""
 
     black: float = 0.0025
     """Linear light of the brightest channel (8 of 255 in sRGB), and at most"""
     of_bright: float = 0.02
-    """of what nine tenths do not exceed: an almost black picture shows no rim."""
+    """of the value that nine tenths of the pixels do not exceed: in an almost black image there is
+    no rim.
+    """
     corners: int = 2
-    """Corners of the image that must be black: a shadow seldom fills two."""
+    """Least black corners of the image: a shadow seldom fills two."""
     soft: float = 0.04
-    """Of the longer side: a port out of focus darkens the picture so far inside of a rim,"""
+    """Fraction of the longer side: a port out of focus darkens the image up to this distance from a
+    rim,
+    """
     soft_edge: float = 0.7
-    """where beside what is black there is less than this fraction of the light so far inside."""
+    """if the light next to the rim is below this fraction of the light at that distance."""
     hard_px: int = 2
-    """Rows and columns looked at that are left out with a sharp edge: pixels there show both."""
+    """Examined rows and columns that are left out at a sharp edge, where pixels show both."""
     looked_at_px: int = 256
-    """Rows and columns are left out where the longer side has more than twice so many."""
+    """Rows and columns are subsampled if the longer side has more than twice this number."""
     corner_px: int = 12
-    """Edge of what is looked at first, in each corner."""
+    """Size of the area that is examined first, in each corner."""
 
 
 LIMITS = RimLimits()
@@ -43,7 +47,7 @@ CORNERS = ([0, 0, -1, -1], [0, -1, 0, -1])
 
 
 def without_rim(image: Image, range_m: Map, encoding: InputEncoding) -> Map:
-    """The range map with NaN where the image has a black rim of known range; else the map itself.
+    """Set ranges at a black rim of the image to NaN; return the map itself if there is none.
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W) meters.
     """

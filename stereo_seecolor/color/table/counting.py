@@ -16,15 +16,21 @@ LAST = (RANGE_BINS << LOW_BITS) - 1
 FIRST = np.float32(NEAREST_M).view(np.int32)
 INFINITY = np.float32(np.inf).view(np.int32)
 LANES = 4
-"""Parallel sums of offsets: neighbors share a bin, and one sum would wait for itself."""
+"""Parallel sums of offsets: neighbors share a bin, and additions to one sum would wait for each
+other.
+"""
 
 
 def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
-    """The moment table of an image's pixels with a known range (finite, above 0).
+    """Count the pixels of an image with a range (finite, above 0); return the moment table.
 
-    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters.
-    every: only the middle one of each ``every`` rows is counted.
-    Raises ColorError for other shapes or types.
+    Args:
+        image: (H, W, 3) uint8 or uint16.
+        range_m: (H, W) float32 meters.
+        every: Only the middle row of each ``every`` rows is counted.
+
+    Raises:
+        ColorError: For other shapes or types.
     """
     check_pair(image, range_m)
     table, lanes = MomentTable.empty(8 * image.itemsize), np.zeros((RANGE_BINS, LANES), np.int64)
@@ -34,7 +40,7 @@ def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
 
 
 def check_pair(image: Image, range_m: Map) -> None:
-    """Raise ColorError where an image or its range map has a wrong shape or type."""
+    """Raise ColorError if an image or its range map has a wrong shape or type."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.uint16):
         raise ColorError(
             f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16"
@@ -48,7 +54,9 @@ def check_pair(image: Image, range_m: Map) -> None:
 
 @compiled
 def position_of(bits: Any) -> Any:
-    """Position of a range (float32 bits) from the first bin's edge; LAST + 1 where unknown."""
+    """Return the position of a range (float32 bits) from the edge of the first bin; LAST + 1 =
+    unknown.
+    """
     # NaN, infinities, zero and negative numbers are not
     known = (bits > np.int32(0)) & (bits < INFINITY)
     return U(min(max(bits - FIRST, np.int32(0)), np.int32(LAST))) if known else U(LAST + 1)

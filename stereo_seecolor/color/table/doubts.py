@@ -5,13 +5,13 @@ import numpy as np
 from stereo_seecolor.color.table.moment_table import MomentTable
 
 LEAST_RELIEF = 1.15
-"""Far over near (95 over 5 %) below which attenuation and scene cannot be told apart."""
+"""Ratio of far to near (95 to 5 %) below which attenuation and scene cannot be distinguished."""
 
 LEAST_PIXELS = 100
 
 
 def doubts(table: MomentTable) -> tuple[str, ...]:
-    """Why a table (not empty) does not determine its water, as a warning; else empty."""
+    """Return warnings why a table (not empty) does not determine its water."""
     number = int(table.pixels.sum())
     if number < LEAST_PIXELS:
         return (f"only {number} pixels with a known range: the water is a guess",)
@@ -29,7 +29,7 @@ def doubts(table: MomentTable) -> tuple[str, ...]:
 
 
 def relief_m(table: MomentTable) -> tuple[float, float]:
-    """The 5th and 95th percentile of the pixels' ranges, meters."""
+    """Return the 5th and 95th percentile of the ranges, meters."""
     fraction = np.cumsum(table.pixels) / max(int(table.pixels.sum()), 1)
     near, far = (table.range_m[int(np.searchsorted(fraction, at))] for at in (0.05, 0.95))
     return float(near), float(far)

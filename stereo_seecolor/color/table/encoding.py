@@ -13,31 +13,37 @@ InputEncoding = Literal["srgb", "linear", "as-is"]
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Encoded fractions of full scale -> linear light; unchanged unless the encoding is srgb."""
+    """Convert encoded fractions of full scale to linear light; unchanged unless the encoding is
+    srgb.
+    """
     return srgb.decode_srgb(values) if encoding == "srgb" else values
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Linear light -> values of a file: sRGB, also for linear input, which is viewed; or as-is."""
+    """Convert linear light to values of a file: sRGB, also for linear input, because people view
+    it; or as-is.
+    """
     return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 
 def decoding_slope(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """d light / d value of sRGB at this light: converts noise of a value to noise of light.
+    """Compute d light / d value of sRGB at this light, which converts noise of a value to noise of
+    light.
 
-    Also used for linear files, since a sensor's noise grows with light in them, too; 1 for as-is.
+    It is also used for linear files, because the noise of a sensor grows with light in them, too; 1
+    for as-is.
     """
     return srgb.decoding_slope(light) if encoding != "as-is" else np.ones_like(light)
 
 
 @lru_cache
 def decoded_bins(bit_depth: int, encoding: InputEncoding) -> NDArray[np.float64]:
-    """(V,) linear light of each value bin of a moment table."""
+    """Return the linear light (V,) of each value bin of a moment table."""
     return decode(bin_values(bit_depth), encoding)
 
 
 @lru_cache
 def decoded_values(bit_depth: int, encoding: InputEncoding) -> NDArray[np.float32]:
-    """(256,) or (65536,) linear light of each value of an image."""
+    """Return the linear light, (256,) or (65536,), of each value of an image."""
     full = 2**bit_depth - 1
     return decode(np.arange(full + 1) / full, encoding).astype(np.float32)

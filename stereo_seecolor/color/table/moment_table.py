@@ -1,6 +1,6 @@
-"""Moment tables: the pixels of each channel with each range and value, all that losses need.
+"""Moment tables: the number of pixels of each channel with each range and value.
 
-The mean range of each range bin is kept exactly, as an integer sum.
+The mean range of each range bin is exact, stored as an integer sum.
 """
 
 import zlib
@@ -26,8 +26,8 @@ class MomentTable:
     """A joint histogram of range and value for each channel: exact for every loss that is a sum
     over pixels of f(c, z, I_c).
 
-    counts: (3, 256, V) int64, pixels of channel R, G, B in each bin of range and value; V = 256 (8
-    bit) or 4096 (16 bit).
+    counts: (3, 256, V) int64, pixels of R, G, B in each bin of range and value; V = 256 (8 bit) or
+    4096 (16 bit).
     offset_sum: (256,) int64, sum over a range bin's pixels of their offset inside the bin, 0..2**18
     - 1.
     bit_depth: 8 or 16, the image's.
@@ -39,7 +39,7 @@ class MomentTable:
 
     @classmethod
     def empty(cls, bit_depth: int = 8) -> "MomentTable":
-        """The table of no pixel."""
+        """Make an empty table."""
         return cls(
             np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64),
             np.zeros(RANGE_BINS, np.int64),
@@ -57,25 +57,31 @@ class MomentTable:
 
     @cached_property
     def pixels(self) -> NDArray[np.int64]:
-        """(256,) pixels in each range bin."""
+        """Return the (256,) number of pixels in each range bin."""
         return np.asarray(self.counts[0].sum(axis=1))
 
     @cached_property
     def range_m(self) -> NDArray[np.float64]:
-        """(256,) mean range of each bin's pixels, meters; the bin's center where it has none."""
+        """Return the (256,) mean range of the pixels of each bin, meters; the center of an empty
+        bin.
+        """
         pixels, edges = self.pixels, range_edges_m()
         offset = np.where(pixels > 0, self.offset_sum / np.maximum(pixels, 1) / 2**LOW_BITS, 0.5)
         return np.asarray(edges[:-1] + offset * np.diff(edges))
 
     @property
     def median_range_m(self) -> float | None:
-        """Median range of all pixels, to a bin's width, meters; None for an empty table."""
+        """Return the median range of all pixels, to the width of a bin, meters; None for an empty
+        table.
+        """
         below = np.cumsum(self.pixels)
         return float(self.range_m[np.searchsorted(below, below[-1] / 2)]) if below[-1] else None
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """(V,) value of each value bin, as a fraction of full scale, encoded as in the image."""
+        """Return the (V,) value of each value bin, fraction of full scale, encoded as in the
+        image.
+        """
         return bin_values(self.bit_depth)
 
     def __add__(self, other: "MomentTable") -> "MomentTable":
@@ -89,7 +95,7 @@ class MomentTable:
         return MomentTable(a.counts - b.counts, a.offset_sum - b.offset_sum, a.bit_depth)
 
     def packed(self) -> bytes:
-        """The counts above zero, 12 bytes each: 16-bit tables of 25 MB take some 3."""
+        """Pack the counts above zero, 12 bytes each: 16-bit tables of 25 MB take some 3 MB."""
         cells = np.flatnonzero(self.counts)
         header = np.array([self.bit_depth, cells.size], "<i8")
         return b"".join(
@@ -99,7 +105,7 @@ class MomentTable:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "MomentTable":
-        """The table from ``packed``."""
+        """Unpack a table of ``packed``."""
         bit_depth, number = (int(value) for value in np.frombuffer(content, "<i8", 2))
         offset_sum, counts = np.split(
             np.frombuffer(content, "<i8", RANGE_BINS + number, 16), [RANGE_BINS]

@@ -1,4 +1,4 @@
-"""Quantiles of each channel's light at each range, from a moment table, for the robust fit."""
+"""Quantiles of the light of each channel at each range, from a moment table, for the robust fit."""
 
 import itertools
 from dataclasses import dataclass
@@ -14,15 +14,17 @@ from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
 """Fractions of the quantiles: from nearly in shadow to the brightest, most likely white."""
 PARTS = 20
-"""Groups of a frame's pixels by range: more hardly change a fit, and cost time."""
+"""Groups of the pixels of a frame by range: more hardly change a fit, and take time."""
 BINS_PER_OCTAVE = RANGE_BINS // 8
 """Range bins of an octave; there are eight octaves."""
 CLIPPED = 0.99
-"""Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
+"""Fraction of full scale, encoded, from which on a value is a lower bound of the light."""
 NOISE = 0.004
-"""Standard deviation of an encoded value, fraction of full scale: 1 of 255, a quiet camera's."""
+"""Standard deviation of an encoded value, fraction of full scale: 1 of 255, that of a camera with
+little noise.
+"""
 MOST_NOISE = 0.95
-"""Most of the slope of quantiles over a normal distribution's that is noise."""
+"""Largest fraction of the slope of quantiles over those of a normal distribution that is noise."""
 _DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])
 """Quantiles of the normal distribution at the fractions up to a half."""
 
@@ -31,9 +33,9 @@ _DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])
 class RangeQuantiles:
     """Quantiles of the pixels of each group of neighboring ranges.
 
-    range_m (G,): mean range of each group, meters, near to far. pixels (G,): how many. light (3, G,
-    9): quantiles, linear light, the dark ones without what noise takes off them. clipped (3, G, 9):
-    True where a quantile is at full scale, and the light may have been anything above.
+    range_m (G,): mean range of each group, meters, near to far. pixels (G,): their number. light
+    (3, G, 9): quantiles, linear light, the dark ones corrected for noise. clipped (3, G, 9): True
+    where a quantile is at full scale, a lower bound of the light.
     """
 
     range_m: NDArray[np.float64]
@@ -43,7 +45,9 @@ class RangeQuantiles:
 
 
 def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuantiles:
-    """Quantiles of groups of range bins with about equal numbers of pixels, of which some exist."""
+    """Compute quantiles of groups of range bins with about equal numbers of pixels; the table must
+    not be empty.
+    """
     first = _first_of_groups(table.pixels)
     size = np.add.reduceat(table.pixels, first).astype(np.float64)
     end = int(np.flatnonzero(table.pixels)[-1]) + 1

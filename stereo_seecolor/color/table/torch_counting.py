@@ -12,13 +12,15 @@ from stereo_seecolor.color.table.range_bins import LOW_BITS, RANGE_BINS
 
 
 def positions(bits: Tensor) -> Tensor:
-    """``counting.position_of`` of (N,) int32 bits of ranges."""
+    """Compute ``counting.position_of`` of (N,) int32 bits of ranges."""
     known = (bits > 0) & (bits < int(INFINITY))
     return torch.where(known, (bits - int(FIRST)).clamp(0, LAST), LAST + 1)
 
 
 def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts (3, 256, values) and offset sums (256,) of (N, 3) pixels and (N,) bits of ranges."""
+    """Compute counts (3, 256, values) and offset sums (256,) of (N, 3) pixels and (N,) bits of
+    ranges.
+    """
     position = positions(bits)
     range_bin = position >> LOW_BITS
     channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
@@ -34,11 +36,11 @@ def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Ten
 
 
 def pixels_on(image: NDArray[Any], device: torch.device) -> Tensor:
-    """(N, 3) uint8, or int32 of 16 bits."""
+    """Copy the pixels of an image to a device: (N, 3) uint8, or int32 for 16 bits."""
     return on_device(image.reshape(-1, 3), device)
 
 
 def on_device(numbers: NDArray[Any], device: torch.device) -> Tensor:
-    """Numbers on a device; uint16 as int32, since few of torch's operations take uint16."""
+    """Copy numbers to a device; uint16 as int32, because few operations of torch support uint16."""
     plain = numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers
     return torch.from_numpy(plain).to(device)

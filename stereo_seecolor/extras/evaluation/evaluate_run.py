@@ -100,10 +100,10 @@ def _files(frame: FinishedFrame) -> ResultFiles:
     )
 
 
-def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
+def _check_geometry(geometry: RectifiedPair, out: Path, truth: Path) -> None:
     dive = Rectification.from_rig(load_rig(truth.parent / "cam.yaml")).pair
     for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
-        value, expected = float(getattr(found, name)), float(getattr(dive, name))
+        value, expected = float(getattr(geometry, name)), float(getattr(dive, name))
         if abs(value - expected) > GEOMETRY_TOLERANCE * abs(expected):
             raise InputError(
                 f"{out}: was made with another calibration than {truth}: its {name} is "

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from stereo_seecolor.compute.threads import cores
-from stereo_seecolor.geometry import rigid_alignment, transformed
+from stereo_seecolor.geometry import rigid_alignment, transform_points
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def trajectory_error(
     """Absolute trajectory error of positions (N, 3) in the order they were taken (Sturm et al.
     2012).
     """
-    off_m = transformed(rigid_alignment(estimate_m, truth_m), estimate_m) - truth_m
+    off_m = transform_points(rigid_alignment(estimate_m, truth_m), estimate_m) - truth_m
     path_m = float(np.linalg.norm(np.diff(truth_m, axis=0), axis=1).sum())
     return TrajectoryError(float(np.sqrt((off_m**2).sum(axis=1).mean())), path_m)
 

@@ -16,7 +16,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.srgb import LUMINANCE
-from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
@@ -228,7 +228,7 @@ def _same_spots(
         among, min(SETTINGS.points, among.size), replace=False
     )
     rows, columns = np.divmod(drawn, width)
-    moved = transformed(
+    moved = transform_points(
         T_other_this, geometry.points_from_range(range_m)[rows, columns].astype(np.float64)
     )
     with np.errstate(divide="ignore", invalid="ignore"):

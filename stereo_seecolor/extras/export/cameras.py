@@ -12,19 +12,18 @@ from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.files.encode import encode_depth_mm
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import CLOUD
-from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
-
-# Cameras for Agisoft Metashape (File, Import, Import Cameras): poses and calibration of the
-# corrected images.
-#
-# Axes as here: x right, y down, z forward; cx and cy from the image's center (Metashape
-# Professional's manual, appendix C and D).
+from stereo_seecolor.run_folder.posed_run import PosedRun, join_numbers
 
 LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 
 
 def write_metashape(posed: PosedRun, folder: Path) -> None:
-    """``images/`` and cameras.xml, whose chunk has the map's coordinates."""
+    """Write ``images/`` and cameras.xml for Agisoft Metashape (File, Import, Import Cameras), whose
+    chunk has the map's coordinates.
+
+    Axes as here: x right, y down, z forward; cx and cy from the image's center (Metashape
+    Professional's manual, appendix C and D).
+    """
     images = write_images(posed.frames, folder)
     document = ET.Element("document", version="1.5.0")
     chunk = ET.SubElement(document, "chunk", label="stereo-seecolor", enabled="true")
@@ -34,14 +33,14 @@ def write_metashape(posed: PosedRun, folder: Path) -> None:
         camera = ET.SubElement(
             cameras, "camera", id=str(number), sensor_id="0", label=image.stem, enabled="true"
         )
-        ET.SubElement(camera, "transform").text = spaced(T.ravel())
+        ET.SubElement(camera, "transform").text = join_numbers(T.ravel())
     transform = ET.SubElement(chunk, "transform")
     for name, numbers in (
         ("rotation", (1, 0, 0, 0, 1, 0, 0, 0, 1)),
         ("translation", (0, 0, 0)),
         ("scale", (1,)),
     ):
-        ET.SubElement(transform, name).text = spaced(numbers)
+        ET.SubElement(transform, name).text = join_numbers(numbers)
     ET.SubElement(chunk, "reference").text = LOCAL
     ET.indent(document)
     ET.ElementTree(document).write(folder / "cameras.xml", encoding="UTF-8", xml_declaration=True)
@@ -61,33 +60,28 @@ def _add_sensor(sensors: ET.Element, posed: PosedRun) -> None:
         ("cx", g.cx_left_px - middle_px[0]),
         ("cy", g.cy_px - middle_px[1]),
     ):
-        ET.SubElement(calibration, name).text = spaced((value,))
+        ET.SubElement(calibration, name).text = join_numbers((value,))
 
 
 METASHAPE = ExportFormat("images and cameras.xml", "Agisoft Metashape", write_metashape)
 
 
-# Cameras and points for KWIVER's tools (TeleSculptor, VIAME): a KRTD file for each image, and the
-# map's cloud as PLY.
-#
-# A KRTD file holds K (3, 3), R (3, 3) and t (3,) of x = K (R X + t), and the distortion; blank
-# lines between them.
-
-
 def write_kwiver(posed: PosedRun, folder: Path) -> None:
-    """``images/``, ``krtd/NAME.krtd``, image_list.txt and cloud.ply. Pixel (0, 0) is the center of
-    the top left one.
+    """Write ``images/``, ``krtd/NAME.krtd``, image_list.txt and cloud.ply for KWIVER's tools.
+
+    A KRTD file holds K (3, 3), R (3, 3) and t (3,) of x = K (R X + t), and the distortion, with
+    blank lines between them. Pixel (0, 0) is the center of the top left one.
     """
     (folder / "krtd").mkdir()
     shutil.copyfile(posed.map_folder / CLOUD, folder / "cloud.ply")
     images = write_images(posed.frames, folder)
     for image, T in zip(images, posed.T_camera_map, strict=True):
         parts = (
-            *map(spaced, posed.geometry.P_left),
+            *map(join_numbers, posed.geometry.P_left),
             "",
-            *map(spaced, T[:3, :3]),
+            *map(join_numbers, T[:3, :3]),
             "",
-            spaced(T[:3, 3]),
+            join_numbers(T[:3, 3]),
             "",
             "0",
         )
@@ -104,20 +98,17 @@ KWIVER = ExportFormat(
 )
 
 
-# transforms.json of Instant-NGP and Nerfstudio, with depth maps and the map's cloud to begin
-# from.
-#
-# Poses are camera to world in OpenGL's axes: x right, y up, z backward (Nerfstudio, "Data
-# conventions").
-
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 METERS_PER_UNIT = 0.001
 """Of the depth maps: 16-bit millimeters, which is what Nerfstudio takes unless told otherwise."""
 
 
 def write_nerfstudio(posed: PosedRun, folder: Path) -> None:
-    """transforms.json, ``images/``, ``depth/`` (along the optical axis; 0 unknown) and
+    """Write transforms.json, ``images/``, ``depth/`` (along the optical axis; 0 unknown) and
     points.ply.
+
+    Poses are camera to world in OpenGL's axes: x right, y up, z backward (Nerfstudio, "Data
+    conventions").
     """
     (folder / "depth").mkdir()
     g, images = posed.geometry, write_images(posed.frames, folder)

@@ -15,7 +15,7 @@ from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.extras.export.observed_points import ObservedPoints, observe
 from stereo_seecolor.geometry import quaternion
-from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
+from stereo_seecolor.run_folder.posed_run import PosedRun, join_numbers
 
 CENTER_PX = 0.5
 UNKNOWN_ERROR = -1
@@ -52,7 +52,7 @@ def _camera_text(posed: PosedRun) -> str:
     numbers = (g.focal_px, g.focal_px, *posed.principal_point_px)
     return (
         f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} "
-        f"{g.image_size[1]} {spaced(numbers, 9)}\n"
+        f"{g.image_size[1]} {join_numbers(numbers, 9)}\n"
     )
 
 
@@ -64,7 +64,7 @@ def _images_text(posed: PosedRun, names: Sequence[str], observations: ObservedPo
     rows = zip(names, posed.T_camera_map, observations.of_frame, strict=True)
     for number, (name, T, (points, pixels)) in enumerate(rows, 1):
         x, y, z, w = quaternion(T[:3, :3])
-        lines.append(f"{number} {spaced((w, x, y, z, *T[:3, 3]), 9)} 1 {name}")
+        lines.append(f"{number} {join_numbers((w, x, y, z, *T[:3, 3]), 9)} 1 {name}")
         seen = zip(pixels + CENTER_PX, points + 1, strict=True)
         lines.append(" ".join(f"{column:.2f} {row:.2f} {point}" for (column, row), point in seen))
     return "\n".join(lines) + "\n"
@@ -75,10 +75,9 @@ def _points_text(observations: ObservedPoints, tracks: Sequence[PointTrack]) -> 
     for number, (position, color, track) in enumerate(
         zip(observations.position, observations.color, tracks, strict=True), 1
     ):
-        seen = " ".join(f"{image} {place}" for image, place in track)
-        lines.append(
-            f"{number} {spaced(position, 9)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {seen}"
-        )
+        seen = " ".join(f"{image} {point}" for image, point in track)
+        place, rgb = join_numbers(position, 9), " ".join(map(str, color))
+        lines.append(f"{number} {place} {rgb} {UNKNOWN_ERROR} {seen}")
     return "\n".join(lines) + "\n"
 
 

@@ -42,9 +42,6 @@ def write(posed: PosedRun, folder: Path) -> str:
     )
 
 
-# The orthomosaic.
-
-
 def _fill_mosaic(source: Path, folder: Path) -> tuple[int, float]:
     """The number of filled cells, and their fraction of those seen."""
     try:
@@ -136,9 +133,6 @@ def fill_holes(
     filled[:3, holes] = np.rint(color[holes]).astype(np.uint8).T
     filled[3, holes] = 255
     return filled, holes
-
-
-# The mesh.
 
 
 def _fill_mesh(source: Path, folder: Path) -> int:

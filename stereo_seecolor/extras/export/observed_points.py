@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.layout import CLOUD
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -46,7 +46,7 @@ def observe(posed: PosedRun) -> ObservedPoints:
     chosen = cloud[:: -(-len(cloud) // MOST_POINTS) or 1]
     position, color = np.asarray(chosen["position"], np.float64), np.asarray(chosen["color"])
     seen = [
-        _seen(transformed(T, position), posed.measured_range_m(frame), posed.geometry)
+        _seen(transform_points(T, position), posed.measured_range_m(frame), posed.geometry)
         for frame, T in zip(posed.frames, posed.T_camera_map, strict=True)
     ]
     times = np.bincount(np.concatenate([numbers for numbers, _ in seen]), minlength=len(position))

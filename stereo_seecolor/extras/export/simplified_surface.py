@@ -31,7 +31,7 @@ class SimplifiedSurface(PaintedSurface):
     rms_m: float
     original: int
 
-    def simplified(self, bound_m: float, longest_m: float) -> "SimplifiedSurface":
+    def simplify(self, bound_m: float, longest_m: float) -> "SimplifiedSurface":
         """Simplify further: ``bound_m`` further away at most, no new edge longer than
         ``longest_m``.
         """
@@ -64,7 +64,7 @@ def read_surface(posed: PosedRun) -> SimplifiedSurface:
         0.0,
         len(faces),
     )
-    return whole.simplified(BOUND_VOXELS * posed.voxel_m, longest_m)
+    return whole.simplify(BOUND_VOXELS * posed.voxel_m, longest_m)
 
 
 def longest_edge_m(posed: PosedRun) -> float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.extras.export.glb import Glb, unit
+from stereo_seecolor.extras.export.glb_file import Glb, unit
 from stereo_seecolor.extras.export.simplified_surface import SimplifiedSurface, read_surface
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.mapping.raster.georeference import crs_name
@@ -54,8 +54,6 @@ def painted(
     return made
 
 
-# The textured surface as binary glTF 2.0: for Blender, game engines, phones and web viewers.
-
 QUALITY = 95
 """Of the textures' JPEG, with full color resolution: errors below those of the images' noise, a
 fifth of a PNG's size.
@@ -63,8 +61,8 @@ fifth of a PNG's size.
 
 
 def write_textured_glb(posed: PosedRun, folder: Path) -> str:
-    """reef.glb; how good it is. Raises InputError for more than 4 GB, or if an image is gone or
-    damaged.
+    """Write reef.glb (binary glTF 2.0); return how good it is. Raises InputError for more than 4
+    GB, or if an image is gone or damaged.
     """
     surface = open_surface(posed)
     made = painted(Views(posed), surface)
@@ -101,13 +99,9 @@ TEXTURED_GLB = ExportFormat(
 )
 
 
-# The textured surface as Wavefront OBJ with MTL and PNG: for CloudCompare, MeshLab, Metashape and
-# most others. z is up.
-
-
 def write_textured_obj(posed: PosedRun, folder: Path) -> str:
-    """reef.obj, reef.mtl, reef_PAGE.png; how good it is. Raises InputError if an image is gone or
-    damaged.
+    """Write reef.obj (z up), reef.mtl and reef_PAGE.png; return how good they are. Raises
+    InputError if an image is gone or damaged.
     """
     surface = open_surface(posed)
     made = painted(Views(posed), surface)

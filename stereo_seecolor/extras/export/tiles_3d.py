@@ -64,7 +64,7 @@ def write(posed: PosedRun, folder: Path) -> str:
     for level in range(finest, -1, -1):
         step = 1 << (finest - level)
         if level < finest:
-            surface = surface.simplified(surface.bound_m, longest_edge_m(posed))
+            surface = surface.simplify(surface.bound_m, longest_edge_m(posed))
         made = painted(views, surface, _cells(surface, low, side_m, level))
         finest_is = finest_is or summary(made, surface)
         errors_m.append(max(surface.bound_m, LIMITS.viewer_px * step * posed.pixel_m))

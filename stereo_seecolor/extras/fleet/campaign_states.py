@@ -12,7 +12,7 @@ from typing import Literal
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.fleet.campaign_files import write_own
-from stereo_seecolor.files.csv_tables import guarded
+from stereo_seecolor.files.csv_tables import guard_formula
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.own_paths import is_plain_name
 
@@ -66,6 +66,7 @@ def save_states(root: Path, states: Mapping[str, DiveState]) -> None:
     table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
     table.writeheader()
     table.writerows(
-        {key: guarded(value) for key, value in asdict(state).items()} for state in states.values()
+        {key: guard_formula(value) for key, value in asdict(state).items()}
+        for state in states.values()
     )
     write_own(root, root / TABLE, text.getvalue().encode())

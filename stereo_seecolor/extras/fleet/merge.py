@@ -7,10 +7,10 @@ from pathlib import Path
 
 from calibration.formats import load_rig, native
 from stereo_seecolor.checks.changes import LEFT_OUT
-from stereo_seecolor.commands.reported_run import KIND, folder_request, reported
 from stereo_seecolor.commands.run import color, color_with
+from stereo_seecolor.commands.run_session import KIND, folder_request, run_session
 from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
     NO_LIGHT,
@@ -68,7 +68,9 @@ def merge(
         passes = ("ranges", "waters") if fit_only else ("ranges", "light", "waters", "colors")
         with (
             options.compute.sharing(state(folder.root), inputs.paths),
-            reported(pipeline, opened.pairing, inputs.names, folder, options, last, passes) as run,
+            run_session(
+                pipeline, opened.pairing, inputs.names, folder, options, last, passes
+            ) as run,
         ):
             folder.dive.write(RIG, native.to_bytes(pipeline.rig))
             if fit_only:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stereo_seecolor.checks.sample import evenly_spaced
-from stereo_seecolor.commands.reported_run import KIND, folder_request, reported
 from stereo_seecolor.commands.run import color
+from stereo_seecolor.commands.run_session import KIND, folder_request, run_session
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process import peak_bytes
 from stereo_seecolor.config import RunConfig
@@ -185,7 +185,7 @@ def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> R
     with RunFolder(
         out, folder_request(inputs.owner(KIND, opened), pipeline.config, options, inputs.paths)
     ) as folder:
-        with reported(
+        with run_session(
             pipeline, opened.pairing, inputs.names, folder, options, "corrected", passes
         ) as run:
             color(run, measure_ranges(run))

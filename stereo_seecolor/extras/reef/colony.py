@@ -18,7 +18,7 @@ from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import (
     CORRECTION_SETTINGS,
     OF_EXTREMES,
-    added_by_noise,
+    noise_bias,
     shape_stds,
     spread_of,
 )
@@ -159,7 +159,7 @@ def _without_noise(
 ) -> tuple[Array, Array]:
     """What a terrain measures without what noise adds to it, and the standard errors of that."""
     alike_cells = errors.correlation_m / terrain.grid.cell_m
-    added = added_by_noise(by_terrain, terrain.height_m, errors.noise_m, alike_cells)
+    added = noise_bias(by_terrain, terrain.height_m, errors.noise_m, alike_cells)
     by_draws = spread_of(by_terrain, terrain.height_m, errors.std_m, alike_cells)
     return by_terrain(terrain.height_m) - added, np.hypot(
         by_draws, CORRECTION_SETTINGS.of_noise * added

@@ -57,9 +57,9 @@ def _doubts(result: "SiteMetrics") -> list[str]:
     return unseen + overlap
 
 
-def comparison_text(found: "Comparison") -> str:
+def comparison_text(comparison: "Comparison") -> str:
     """The quality of the registration, total changes, changed patches, files."""
-    change, at = found.change, found.change.registration
+    change, at = comparison.change, comparison.change.registration
     lod_mm = 1000 * change.difference.median_lod_m
     fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
     beyond = (
@@ -75,16 +75,21 @@ def comparison_text(found: "Comparison") -> str:
         "growth {:.3f} +- {:.3f} l".format(*change.growth_l)
         + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
     ]
-    if found.joint:
+    if comparison.joint:
         head.append(
-            f"joint graph: {found.joint.pairs} pairs of frames move the second track by "
-            f"{1000 * found.joint.bent_m:.1f} mm RMS; to remove this, fuse it with --poses "
+            f"joint graph: {comparison.joint.pairs} pairs of frames move the second track by "
+            f"{1000 * comparison.joint.bent_m:.1f} mm RMS; to remove this, fuse it with --poses "
             "second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
         )
-    return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
+    return (
+        lines(*head)
+        + "\n"
+        + _patches(comparison)
+        + "".join(f"  {path}\n" for path in comparison.files)
+    )
 
 
-def _patches(found: "Comparison") -> str:
+def _patches(comparison: "Comparison") -> str:
     rows = [
         (
             f"{patch.number}",
@@ -97,7 +102,7 @@ def _patches(found: "Comparison") -> str:
             else "",
             f"{patch.lightness:+.0f}, {patch.chroma:+.0f}",
         )
-        for patch in found.change.patches
+        for patch in comparison.change.patches
     ]
     return (
         table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n"
@@ -183,7 +188,7 @@ def _point_cover(result: "SiteMetrics") -> str:
     return table(("label", "points", "of the points", "95 % interval"), rows)
 
 
-def markers_text(found: "FoundMarkers") -> str:
+def markers_text(markers: "FoundMarkers") -> str:
     """Each marker, then the scale by sizes and bars, then the residuals of surveyed positions."""
     rows = [
         (
@@ -193,11 +198,11 @@ def markers_text(found: "FoundMarkers") -> str:
             f"{1000 * each.residual_m:.1f}",
             f"{1000 * each.edge_m:.2f} +- {1000 * each.edge_std_m:.2f}",
         )
-        for each in found.markers
+        for each in markers.markers
     ]
     text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
-    checks = ([("edges", found.size)] if found.size else []) + [
-        (f"bar {name}", check) for name, check in found.bars.items()
+    checks = ([("edges", markers.size)] if markers.size else []) + [
+        (f"bar {name}", check) for name, check in markers.bars.items()
     ]
     text += [
         lines(
@@ -205,15 +210,15 @@ def markers_text(found: "FoundMarkers") -> str:
         )
         for name, check in checks
     ]
-    if found.control:
+    if markers.control:
         text.append(
             lines(
-                f"surveyed positions: {len(found.control.residuals_m)} found, "
-                f"{1000 * found.control.rms_m:.1f} mm RMS"
+                f"surveyed positions: {len(markers.control.residuals_m)} found, "
+                f"{1000 * markers.control.rms_m:.1f} mm RMS"
             )
         )
-        text += [lines(found.control.doubt)] if found.control.doubt else []
-    return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
+        text += [lines(markers.control.doubt)] if markers.control.doubt else []
+    return "\n".join(text) + "".join(f"  {path}\n" for path in markers.files)
 
 
 def _doubt(check: "ScaleCheck") -> str:

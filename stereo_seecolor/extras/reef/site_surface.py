@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.geometry import scale_of, transformed
+from stereo_seecolor.geometry import scale_of, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.run_folder.layout import MAP, MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
@@ -31,7 +31,7 @@ class SiteMesh:
         """The mesh through a similarity (4, 4)."""
         R = T[:3, :3] / scale_of(T)
         return SiteMesh(
-            transformed(T, self.points_m), self.normals @ R.T, self.color, self.triangles
+            transform_points(T, self.points_m), self.normals @ R.T, self.color, self.triangles
         )
 
     @property

@@ -14,7 +14,7 @@ from stereo_seecolor.cli.report import LoggedReport
 from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
-    from stereo_seecolor.extras.streams.bag_inputs import BagFacts
+    from stereo_seecolor.extras.streams.bag_info import BagFacts
 
 OneSource = Annotated[
     str | None,
@@ -224,7 +224,7 @@ def bag_info(
     """List the topics of a ROS bag and the pairs that run would use; exit code 3 if there are no
     pairs.
     """
-    from stereo_seecolor.extras.streams.bag_inputs import bag_info as look
+    from stereo_seecolor.extras.streams.bag_info import bag_info as look
 
     with report.working():
         found = look(bag, topics, calib=calib or "")
@@ -233,34 +233,34 @@ def bag_info(
     )
 
 
-def bag_text(found: "BagFacts", calib: str = "") -> str:
+def bag_text(facts: "BagFacts", calib: str = "") -> str:
     """The topics of a bag, then its pairs, and last the run command."""
-    width = max(len(topic.name) for topic in found.topics)
+    width = max(len(topic.name) for topic in facts.topics)
     output = [
-        f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} "
-        f"file{'s' * (found.files > 1)}"
+        f"{facts.bag}: {facts.seconds:.1f} s, {len(facts.topics)} topics, {facts.files} "
+        f"file{'s' * (facts.files > 1)}"
     ]
-    for topic in found.topics:
+    for topic in facts.topics:
         rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
         output.append(
             f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} "
             f"messages{rate}"
         )
-    if found.pairs:
+    if facts.pairs:
         rig = (
-            f"baseline {1000 * found.baseline_m:.1f} mm, from {calib or 'camera_info'}"
-            if found.baseline_m
+            f"baseline {1000 * facts.baseline_m:.1f} mm, from {calib or 'camera_info'}"
+            if facts.baseline_m
             else "no calibration in the bag"
         )
         output.append(
-            f"{counted(found.pairs, 'pair')}, "
-            f"{counted(found.unpaired, 'image without a partner')}; {rig}"
+            f"{counted(facts.pairs, 'pair')}, "
+            f"{counted(facts.unpaired, 'image without a partner')}; {rig}"
         )
-    output += [f"note: {note}" for note in found.notes]
-    if found.pairs:
-        named = calib or ("" if found.baseline_m else "cam.yaml")
+    output += [f"note: {note}" for note in facts.notes]
+    if facts.pairs:
+        named = calib or ("" if facts.baseline_m else "cam.yaml")
         option = f" --calib {named}" if named else ""
-        output += ["", f"stereo-seecolor run --bag {found.bag}{option} --out out"]
+        output += ["", f"stereo-seecolor run --bag {facts.bag}{option} --out out"]
     return lines(*output)
 
 

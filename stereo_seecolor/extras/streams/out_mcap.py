@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.streams.recording import McapRecording, is_recording, recorded
+from stereo_seecolor.extras.streams.mcap_recording import McapRecording, is_recording
+from stereo_seecolor.extras.streams.recording import recorded
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.layout import MAP

@@ -40,7 +40,7 @@ def make(name: str, *values: Any) -> Any:
     return _store().types[type_name(name)](*values)
 
 
-def serialized(name: str, message: Any) -> bytes:
+def serialize(name: str, message: Any) -> bytes:
     """The message as CDR, little-endian."""
     return bytes(_store().serialize_cdr(message, type_name(name)))
 

@@ -199,7 +199,7 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
         frames = [i for i in own.frames_of(component) if given.components[i] >= 0]
         if len(frames) < MIN_FRAMES:
             continue
-        moved = moved_to_given(own.T_world_camera, given.T_world_camera, frames)[frames]
+        moved = move_to_given(own.T_world_camera, given.T_world_camera, frames)[frames]
         scale = np.sqrt(len(frames) / (len(frames) - 2))  # six of the numbers are fitted
         offsets.append(scale * (given.T_world_camera[frames, :3, 3] - moved[:, :3, 3]))
         turns.append(
@@ -229,7 +229,7 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
     ]
 
 
-def moved_to_given(T: Array, given: Array, frames: Sequence[int]) -> Array:
+def move_to_given(T: Array, given: Array, frames: Sequence[int]) -> Array:
     """T (N, 4, 4) as a whole brought to the given poses of some frames: mean turn, then mean
     position.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.geometry import inverse, rotation_vector, transformed
+from stereo_seecolor.geometry import inverse, rotation_vector, transform_points
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def depth_difference_m(
 
     points_i, points_j: (n, 3) in each camera. NaN where the two do not overlap by this pose.
     """
-    seen = transformed(T_i_j, points_j)
+    seen = transform_points(T_i_j, points_j)
     seen = seen[seen[:, 2] > 0]
     if not len(points_i) or not len(seen):
         return float("nan")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
@@ -57,7 +57,8 @@ def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
     neighbors = [(a, b) for a, b in pairwise(placed) if _joined(given, order[[a, b]])]
     neighbors = _thinned(neighbors, SETTINGS.neighbors)
     points = (
-        (a, transformed(given.T_world_camera[order[a]], _points(survey, order[a]))) for a in placed
+        (a, transform_points(given.T_world_camera[order[a]], _points(survey, order[a])))
+        for a in placed
     )
     crossings = [pair for pair in by_overlap(points, 1) if _joined(given, order[list(pair)])]
     edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SETTINGS.crossings)}))
@@ -111,7 +112,9 @@ def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> floa
         return float("inf")
     return float(
         np.median(
-            np.linalg.norm(transformed(T, points_m) - transformed(edge.T_i_j, points_m), axis=1)
+            np.linalg.norm(
+                transform_points(T, points_m) - transform_points(edge.T_i_j, points_m), axis=1
+            )
         )
     )
 

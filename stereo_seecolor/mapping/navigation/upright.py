@@ -11,7 +11,7 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import (
     pose,
     rotation_to_z,
-    transformed,
+    transform_points,
 )
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
@@ -63,7 +63,7 @@ def _check(T: NDArray[np.float64], index: FrameIndex, frames: list[int]) -> None
 
 def _level(index: FrameIndex, T: NDArray[np.float64], frames: list[int]) -> NDArray[np.float64]:
     """(4, 4) turn that makes the plane through all that was seen horizontal, below the cameras."""
-    points = np.concatenate([transformed(T[i], index.points_m[i]) for i in frames])
+    points = np.concatenate([transform_points(T[i], index.points_m[i]) for i in frames])
     center = points.mean(axis=0)
     normal = np.linalg.svd(points[:: max(1, len(points) // SAMPLE)] - center, full_matrices=False)[
         2

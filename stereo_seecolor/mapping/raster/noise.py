@@ -35,7 +35,7 @@ class CorrectionSettings:
     smoother: float = 2.0
     # standard deviation of what matching smooths, in correlation lengths of its errors
     of_match: float = 0.85
-    of_voxel: float = 0.5  # and of what voxels smooth, in voxels: both as found on drawn reefs
+    of_voxel: float = 0.5  # and of what voxels smooth, in voxels: both as found on synthetic reefs
     # a smoothing of that standard deviation squared, times this, counts as the square of a cell
     steps: float = 4.0
     # power of the scale with which squared slopes fall at most: 1 for a surface of sharp steps
@@ -126,7 +126,7 @@ def corrected(
     return values, by_draws, of_corrections
 
 
-def added_by_noise(
+def noise_bias(
     measure: Callable[[Array], Array], height_m: Array, noise_m: Array, correlation_cells: float
 ) -> Array:
     """Compute what noise adds to ``measure`` (heights (H, W) -> (M,)), on average: (M,)."""
@@ -170,7 +170,7 @@ ROUGH_CELLS, ROUGH_OVER_CELLS = 2, 4
 """Roughness is what heights within so many cells depart from a plane; it counts over so many."""
 OF_ROUGHNESS = 1.3
 """What the roughness around adds to the standard error of a height. This and the parts below are as
-benchmarks/standard_errors.py finds them on drawn reefs.
+benchmarks/standard_errors.py finds them on synthetic reefs.
 """
 OF_RELIEF, RELIEF_CELLS = 0.2, 16
 """The part of the relief, over so many cells around, by which a height beside a hole may be off."""

@@ -1,5 +1,11 @@
 """Structure of a site at several scales: mean over squares of an edge, standard deviation among
 them, and standard error.
+
+Rugosity, fractal dimension and height range of a square are geometrically related (Torres-Pulliza
+et al. 2020, Nature Ecology & Evolution 4:1495): the mean height range dh(L) of squares of edge L
+grows as L^(3 - D). Their plane: R^2 = dh(L0)^2 / (2 L0^2) + 1 with L0 the finest edge. Means of
+ranges and the logarithmic regression are those of the R package habtools (method hvar). Nothing is
+leveled: a slope counts as height, as it does there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,13 +28,6 @@ from stereo_seecolor.mapping.raster.reef_metrics import (
     surface_rugosity,
     vector_ruggedness,
 )
-
-# Rugosity, fractal dimension and height range of a square, which are geometrically related.
-#
-# Torres-Pulliza et al. 2020, Nature Ecology & Evolution 4:1495: the mean height range dh(L) of
-# squares of edge L grows as L^(3 - D). Their plane: R^2 = dh(L0)^2 / (2 L0^2) + 1 with L0 the
-# finest edge. Means of ranges and the logarithmic regression are those of the R package habtools
-# (method hvar). Nothing is leveled: a slope counts as height, as it does there.
 
 Heights = NDArray[np.float64]
 
@@ -153,7 +152,7 @@ RANGE = 3
 SHARED = np.array([0.15, 0.5, 0.5, 0.5, 0.15])
 """Part of the variance of the corrections of each number (the mesh's left out) that is alike in all
 squares; the rest averages out. It is larger of those by ranges of heights, to which errors add less
-than to slopes. As found on five drawn reefs.
+than to slopes. As found on five synthetic reefs.
 """
 MIN_COVERAGE = 0.8
 """A square counts if more than this fraction of it was seen: a hole hides heights and area

@@ -142,7 +142,7 @@ def integrate(
     doubtful: Any,  # (H, W) bool: its color counts next to nothing
     depth_m: Any,  # (H, W) float32, of ``weigh``
     pixel_weight: Any,  # (H, W) float32, of ``weigh``
-    stretch: Any,  # (H, W) float32, of ``stretches``: of the truncation
+    slant_factor: Any,  # (H, W) float32, of ``slant_factors``: of the truncation
     camera: Any,  # (3,) float64: focal_px, cx, cy
     T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
@@ -182,7 +182,10 @@ def integrate(
                     depth_m[row, column],
                     np.sqrt(1 + across * across + down * down),
                 )
-                signed, reach_m = (measured - z) * ray_length, truncation_m * stretch[row, column]
+                signed, reach_m = (
+                    (measured - z) * ray_length,
+                    truncation_m * slant_factor[row, column],
+                )
                 if signed < -reach_m:
                     continue
                 # free space: as certain as a measurement at the voxel's own distance

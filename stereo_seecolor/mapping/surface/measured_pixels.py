@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import in_parts
 from stereo_seecolor.mapping.surface.kernels import CELL, weigh
-from stereo_seecolor.mapping.surface.slant import SLANT_PX, stretches
+from stereo_seecolor.mapping.surface.slant import SLANT_PX, slant_factors
 from stereo_seecolor.records import Map, SurveyFrame
 
 Cells = tuple[int, int, int, int]
@@ -22,7 +22,7 @@ class MeasuredPixels:
     """Buffers that one frame after the other is weighed in: new memory for each would take as long
     as the work.
 
-    camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, stretch: as the kernels
+    camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, slant_factor: as the kernels
     write them, valid in the cells that were weighed last.
     """
 
@@ -32,7 +32,7 @@ class MeasuredPixels:
     weight: Map
     inverse: Map
     deepest_m: Map
-    stretch: Map
+    slant_factor: Map
 
     @classmethod
     def room(cls, geometry: RectifiedPair) -> "MeasuredPixels":
@@ -41,13 +41,13 @@ class MeasuredPixels:
         """
         width, height = geometry.image_size
         camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
-        depth_m, weight, stretch = (np.empty((height, width), np.float32) for _ in range(3))
+        depth_m, weight, slant_factor = (np.empty((height, width), np.float32) for _ in range(3))
         inverse = np.zeros((height + 2 * SLANT_PX, width + 2 * SLANT_PX), np.float32)
         deepest_m = np.empty((-(-height // CELL), -(-width // CELL)), np.float32)
-        return cls(geometry, camera, depth_m, weight, inverse, deepest_m, stretch)
+        return cls(geometry, camera, depth_m, weight, inverse, deepest_m, slant_factor)
 
     def weigh(self, frame: SurveyFrame, cells: Cells, voxel_m: float) -> None:
-        """Compute depths, weights and stretches of a frame's pixels in these cells.
+        """Compute depths, weights and slant factors of a frame's pixels in these cells.
 
         Depths are also computed in the cells next to them, since the slant of a surface is measured
         over its neighborhood.
@@ -56,7 +56,7 @@ class MeasuredPixels:
         if top >= bottom or left >= right:
             return
         self._weigh_cells(frame, voxel_m, self._wider(cells))
-        self._stretch_cells(cells)
+        self._slant_cells(cells)
 
     def _wider(self, cells: Cells) -> Cells:
         """The window with one cell more on each side, within the image."""
@@ -77,12 +77,14 @@ class MeasuredPixels:
 
         in_parts(weigh_rows, bottom - top)
 
-    def _stretch_cells(self, cells: Cells) -> None:
+    def _slant_cells(self, cells: Cells) -> None:
         height, width = self.depth_m.shape
         top, bottom = cells[0] * CELL, min(cells[1] * CELL, height)
         left, right = cells[2] * CELL, min(cells[3] * CELL, width)
 
-        def stretch_rows(first: int, last: int) -> None:
-            stretches(self.inverse, self.camera, self.stretch, left, right, top + first, top + last)
+        def slant_rows(first: int, last: int) -> None:
+            slant_factors(
+                self.inverse, self.camera, self.slant_factor, left, right, top + first, top + last
+            )
 
-        in_parts(stretch_rows, bottom - top)
+        in_parts(slant_rows, bottom - top)

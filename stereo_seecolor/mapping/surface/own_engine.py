@@ -56,7 +56,7 @@ def _integrate(
         integrate(
             volume.blocks, volume.tsdf, volume.weight, volume.color, volume.color_weight,
             frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight,
-            measured.stretch,
+            measured.slant_factor,
             camera, T_camera_world, voxel_m, truncation_m, chosen, first, last,
         )  # fmt: skip
 

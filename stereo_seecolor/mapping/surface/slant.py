@@ -16,18 +16,18 @@ LEAST_SINE = 0.35
 """Of the angle between ray and surface, from which on the truncation of 3 voxels reaches a whole
 voxel below the surface. At 10 degrees it is half a voxel, and ground then comes out in stripes.
 """
-MOST_STRETCH = 4.0
+MOST_SLANT_FACTOR = 4.0
 """Rays at 5 degrees: what is seen from farther aside is too uncertain."""
 
 
 @compiled
-def stretches(
+def slant_factors(
     # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32, 1 / depth inside a frame of zeros: 0 where nothing
     # was measured
     inverse: Any,
     camera: Any,  # (3,) float64: focal_px, cx, cy
     # (H, W) float32, written: by how much the truncation grows along a pixel's ray, 1 for none
-    stretch: Any,
+    slant_factor: Any,
     left: int,
     right: int,
     first: int,
@@ -40,7 +40,7 @@ def stretches(
     normal. Without branches, for vector instructions.
     """
     focal_px, cx, cy = np.float32(camera[0]), np.float32(camera[1]), np.float32(camera[2])
-    one, least_sine, most = np.float32(1), np.float32(LEAST_SINE), np.float32(MOST_STRETCH)
+    one, least_sine, most = np.float32(1), np.float32(LEAST_SINE), np.float32(MOST_SLANT_FACTOR)
     scale = focal_px / np.float32(SLANT_PX)
     for row in range(first, last):
         y = (np.float32(row) - cy) / focal_px
@@ -53,7 +53,7 @@ def stretches(
             b = scale * _slope(above[column + SLANT_PX], middle, below[column + SLANT_PX])
             c = middle - a * x - b * y
             sine = middle / np.sqrt((a * a + b * b + c * c) * (one + x * x + y * y))
-            stretch[row, column] = min(max(least_sine / sine, one), most)
+            slant_factor[row, column] = min(max(least_sine / sine, one), most)
 
 
 @compiled

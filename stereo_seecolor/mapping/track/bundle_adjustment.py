@@ -98,7 +98,7 @@ def _solved(problem: BundleProblem, state: State, tolerance: float) -> State:
     cost, damping = problem.cost(state), SETTINGS.damping
     for _ in range(SETTINGS.iterations):
         try:
-            there = problem.moved(state, problem.linearized(state, damping))
+            there = problem.moved(state, problem.linearize(state, damping))
             less = cost - problem.cost(there)
         except np.linalg.LinAlgError:
             less = -np.inf
@@ -134,7 +134,7 @@ def _std(problem: BundleProblem, state: State) -> Array:
     precision does not hold them.
     """
     try:
-        found = problem.linearized(state).blocks.covariances()[: len(state.T)]
+        found = problem.linearize(state).blocks.covariances()[: len(state.T)]
     except np.linalg.LinAlgError:
         return np.full((len(state.T), 2), np.nan)
     variances = np.diagonal(found, axis1=1, axis2=2)

@@ -121,7 +121,7 @@ class BundleProblem:
         left = 1 - (by_point * along).sum(axis=2)  # the share of its variance that its point left
         return np.asarray(off / np.sqrt(np.maximum(left, LEAST_LEFT)))
 
-    def linearized(self, state: State, damping: float = 0.0) -> Linearized:
+    def linearize(self, state: State, damping: float = 0.0) -> Linearized:
         """Set up the equations of a step: points are eliminated, but for those of which something
         is known. damping: by which the diagonal is larger (Marquardt).
         """

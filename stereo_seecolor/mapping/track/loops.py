@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
@@ -132,7 +132,7 @@ def possible(
         ):
             return True
         (a, a_m), (b, b_m) = (
-            _footprint(transformed(T_world_camera[k], index.points_m[k])) for k in (i, j)
+            _footprint(transform_points(T_world_camera[k], index.points_m[k])) for k in (i, j)
         )
         return float(np.linalg.norm(a - b)) < LOOP_SETTINGS.overlap * (a_m + b_m) + _drift_m(
             ends_m[[first, second]]

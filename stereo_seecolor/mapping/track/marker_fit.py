@@ -118,7 +118,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
     )
 
 
-def fitted_to_fiducials(
+def fit_to_fiducials(
     track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]
 ) -> tuple[Placement, MarkersFit]:
     """A placement, refined before, brought to what is known of markers in its main component, and

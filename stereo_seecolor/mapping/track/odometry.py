@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transformed
+from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.mapping.track import loops as loop_closure
@@ -309,7 +309,7 @@ def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
     for component in range(guess.components.max() + 1):
         frames = np.flatnonzero(guess.components == component)
         frames = frames[np.argsort(rank[frames])]
-        points = ((int(rank[i]), transformed(guess.T[i], index.points_m[i])) for i in frames)
+        points = ((int(rank[i]), transform_points(guess.T[i], index.points_m[i])) for i in frames)
         candidates |= set(loop_closure.by_overlap(points, SETTINGS.window))
     return track.measure(
         sorted(candidates), f"closing loops, round {number + 1}", loop=True, guess=guess
@@ -339,12 +339,12 @@ def _solve(
         chosen = set(frames)
         own = [edge for edge in edges if edge.i in chosen and edge.j in chosen]
         known = [prior for prior in priors if prior.frame in chosen]
-        T, bad = pose_graph.solve(moved_to(known, T, frames), frames, own, known)
+        T, bad = pose_graph.solve(move_to_priors(known, T, frames), frames, own, known)
         rejected += bad
     return T, rejected
 
 
-def moved_to(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequence[int]) -> Array:
+def move_to_priors(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequence[int]) -> Array:
     """Move the frames as a whole to where the priors say, so that the solver starts near."""
     if not priors:
         return T

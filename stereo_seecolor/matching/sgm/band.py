@@ -1,5 +1,5 @@
-"""The bands of disparities that are searched: for each tile, around those that a coarse match of
-the same pair found.
+"""The bands of disparities to search: for each tile, around the disparities of a coarse match of
+the same pair.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,17 @@ LANES, PIXELS, TILE = 16, 4, 8
 """TILE: edge of a tile, pixels; all pixels of a tile search the same disparities."""
 BLOCK = LANES * PIXELS
 FAR = 0xFF
-"""Cost of what lies outside a band; sums with it stay at it."""
+"""Cost of disparities outside a band; sums with it saturate at it."""
 P1_SHIFT = 2
-"""P1 is P2 >> P1_SHIFT, a quarter of it: where surfaces end, they may also bend."""
+"""P1 is P2 >> P1_SHIFT, a quarter of it: a low P2, at image edges, also means a low P1."""
 WINDOW = 2 * LANES
-"""Pixels of the right image that a row of a tile can meet with LANES disparities, rounded up."""
+"""Pixels of the right image that a row of a tile is compared with for LANES disparities, rounded
+up.
+"""
 
 
 MARGIN_PX = 4
-"""How far a band reaches beyond what the coarse match found: one pixel of the coarse image, in
+"""Margin of a band around the disparities of the coarse match: one pixel of the coarse image, in
 pixels of the full one.
 """
 WIDENING = LANES
@@ -55,8 +57,8 @@ class Band:
         """Compute the bands of an image of that shape from disparities at 1 / scale of its size,
         NaN where none was found.
 
-        A tile takes in its neighbors' disparities, so that both sides of an edge are searched along
-        it; where nothing was found it takes those of the nearest that has some.
+        A tile includes the disparities of its neighbors, so that both sides of an edge are searched
+        along it; a tile without disparities gets those of the nearest tile that has some.
         """
         tiles = (-(-shape[0] // TILE), -(-shape[1] // TILE))
         low, high = _extremes(coarse, tiles, TILE // scale)

@@ -18,12 +18,12 @@ class Penalties:
     """Penalties in bits of the census, of which 22 can differ (Hirschmueller 2008, eq. 13). A
     path's costs must stay below 128.
 
-    p2: a change by more than one pixel of disparity where the image is even. p2_least: the same on
-    a strong edge. A change by one pixel costs P1, a quarter of this (layout.P1_SHIFT).
-    texture_levels: gray levels (of 255) from one pixel to the next that texture and noise reach:
-    these are not edges.
+    p2: cost of a change by more than one pixel of disparity where the image is uniform. p2_least:
+    the same on a strong edge. A change by one pixel costs P1, a quarter of this (layout.P1_SHIFT).
+    texture_levels: difference of gray (of 255) between neighbors that texture and noise reach:
+    smaller ones are not edges.
     edge_levels: levels beyond these that halve p2.
-    Found by trial on a real reef, Teddy and synthetic reefs, clear and turbid (docs/matching.md).
+    Chosen on a real reef, Teddy and synthetic reefs, clear and turbid (docs/matching.md).
     """
 
     p2: int = 99

@@ -1,5 +1,5 @@
 """Semi-global search of a pair: at reduced size over all disparities, then at full size in bands
-around what was found.
+around the result.
 """
 
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ class SearchConstants:
     edge of its band, in more than this fraction of a strip's tiles, these bands are widened and the
     strip is searched again.
     coarse_speckle_px: patches of the reduced image smaller than this are left out of the bands.
-    Found by trial on synthetic reefs.
+    Chosen on synthetic reefs.
     """
 
     strip: int = 128
@@ -64,9 +64,7 @@ class SemiGlobalMatching:
         self._lowest, self._highest = lowest, highest
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
-        """Find the disparities of a pair; they depend on nothing else, whatever the number of
-        threads.
-        """
+        """Find the disparities of a pair; they do not depend on the number of threads."""
         low, high = self._lowest // pair.scale, -(-self._highest // pair.scale)
         coarse = search(
             pair.small_left, pair.small_right, Band.everywhere(pair.small_left.shape, low, high)
@@ -88,8 +86,8 @@ def bands(coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest:
 
 
 def is_first_run() -> bool:
-    """Tell whether the search, which takes longest to compile, is not compiled on disk yet and can
-    be kept there.
+    """Whether the compiled search, which takes longest to compile, is not on disk yet and can be
+    written there.
     """
     return match_rows.missing
 
@@ -98,9 +96,9 @@ def search(left: Gray, right: Gray, band: Band) -> MatchedDisparity:
     """Match two smoothed images over a band, in strips on all cores.
 
     A strip whose tiles end on the edges of their bands is searched once more in wider bands.
-    Checks fail where the best disparity lies on the edge of its band, where another is as good, or
-    where the right image disagrees; nothing was found where it lies on the edge or meets nothing in
-    the right image.
+    Checks fail where the best disparity lies on the edge of its band, where another one is as good,
+    or where the right image disagrees. There is no disparity where the best lies on the edge or its
+    match lies outside the right image.
     """
     pool = core_pool()
     before = max(0, WIDENING - int(band.lowest.min()))

@@ -25,7 +25,8 @@ from stereo_seecolor.records import Map
 FIRST_NUMBA, NEXT_NUMBA = (0, 61), (0, 69)
 """``vectors.py`` builds on internal interfaces of numba and llvmlite, which may change with any
 version. It was tested with 0.61.2 and 0.68.1: the first minor version, and the first after them (as
-in pyproject.toml). Elsewhere plain loops give the same results in about twenty times as long.
+in pyproject.toml). With other versions plain loops give the same results in about twenty times the
+time.
 """
 
 if FIRST_NUMBA <= tuple(int(part) for part in version("numba").split(".")[:2]) < NEXT_NUMBA:
@@ -54,24 +55,25 @@ def match_rows(
     band: tuple[NDArray[np.int32], NDArray[np.int32]],
     rows: tuple[int, int, int, int],
     penalties: tuple[NDArray[np.uint8], int, float],
-    found: tuple[Map, Map, Map],
+    results: tuple[Map, Map, Map],
     on_edge: NDArray[np.int32],
     total: NDArray[np.uint8],
 ) -> None:
-    """Fill rows[1]..rows[2]-1 of the maps ``found`` from rows[0]..rows[3]-1 of the census images;
+    """Fill rows[1]..rows[2]-1 of the maps ``results`` from rows[0]..rows[3]-1 of the census images;
     rows[0] starts a tile.
 
     images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at
-    column before + W - 1 - x, zero where nothing was seen; before. band: lowest and count of each
-    tile. penalties: P2 maps (p2_maps), the largest P2, and the uniqueness under which a pixel stays
+    column before + W - 1 - x, zero outside the image; before. band: lowest and count of each tile.
+    penalties: P2 maps (p2_maps), the largest P2, and the uniqueness below which a pixel stays
     unknown.
-    found: disparity of the left image, with the parabola's fraction; NaN where the best lies on the
-    edge of its band, where it is not unique, or where the pixel of the right image that it meets
-    chose, from the same costs, another by more than one pixel. Then the same with these latter two;
-    then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
-    on_edge: added to for each tile, how many pixels' best lie on the edge of its band.
-    total: room for a sum a disparity that the bands of rows[1]..rows[2]-1 hold, one row after the
-    other.
+    results: disparity of the left image, with the parabola's fraction; NaN where the best lies on
+    the edge of its band, where it is not unique, or where the pixel of the right image that it
+    meets chose, from the same costs, another by more than one pixel. Then the same with these
+    latter two; then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of
+    P2.
+    on_edge: for each tile, the number of pixels whose best disparity lies on the edge of its band
+    is added.
+    total: work memory, a sum for each disparity of the bands of rows[1]..rows[2]-1, row after row.
     """
     left, right, before_left = images
     lowest, count = band
@@ -119,7 +121,7 @@ def match_rows(
                     _sum(sweep, paths, before, along, row * most, total, place, lengths[tile], sums)
                 if inside and sweep == 1:
                     _choose(sums, own, origin, winner, claims)
-                    maps = found[0][y + row], found[1][y + row], found[2][y + row]
+                    maps = results[0][y + row], results[1][y + row], results[2][y + row]
                     _judge(
                         winner,
                         claims,

@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
+from stereo_seecolor.extras.evaluation.charts.chart_finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.chart_types import (
     CHART_TYPES,
     CLASSIC,
     DKK,
     ChartType,
 )
-from stereo_seecolor.extras.evaluation.charts.targets import find_charts, targets_of
+from stereo_seecolor.extras.evaluation.charts.targets import targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 SIZE = (240, 320)

@@ -9,6 +9,7 @@ import pytest
 from stereo_seecolor.cli.text import table
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import OURS
+from stereo_seecolor.extras.evaluation.charts.chart_finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.chart_types import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.scores import (
@@ -19,7 +20,6 @@ from stereo_seecolor.extras.evaluation.charts.scores import (
 )
 from stereo_seecolor.extras.evaluation.charts.targets import (
     chart,
-    find_charts,
     neutral,
     read_targets,
     targets_of,

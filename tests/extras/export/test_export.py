@@ -25,7 +25,7 @@ from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.extras.export.installed_formats import export_formats
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.streams import recording
-from stereo_seecolor.extras.streams.recording import TOPICS
+from stereo_seecolor.extras.streams.mcap_recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import GeoOrigin

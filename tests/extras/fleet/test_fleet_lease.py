@@ -14,7 +14,7 @@ import pytest
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder import lease, lock
-from stereo_seecolor.run_folder.lease import Holder, LeaseTimes, check_lease, leased, writer
+from stereo_seecolor.run_folder.lease import Holder, LeaseTimes, check_lease, hold_lease, writer
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_a_holder_on_another_machine_is_named(out: Path) -> None:
     assert writer(out) == "ana@node7, process 4242"
     with (
         pytest.raises(OutputError, match=r"writes into it now \(ana@node7, process 4242\)"),
-        leased(out, locked=True),
+        hold_lease(out, locked=True),
     ):
         pass
 
@@ -47,10 +47,10 @@ def test_a_stale_lease_is_named_and_not_taken(out: Path) -> None:
     hold(out, ELSEWHERE, age_s=1200)
     assert writer(out) == ""
     stale = r"node7, process 4242, which has shown no activity for 20 min.*remove .*lease"
-    with pytest.raises(OutputError, match=stale), leased(out, locked=True):
+    with pytest.raises(OutputError, match=stale), hold_lease(out, locked=True):
         pass
     (out / ".state/lease.json").unlink()
-    with leased(out, locked=True) as me:
+    with hold_lease(out, locked=True) as me:
         assert writer(out) == str(me)
     assert not (out / ".state/lease.json").exists()
 
@@ -60,13 +60,13 @@ def test_a_process_of_this_machine_that_is_gone_holds_nothing(out: Path) -> None
     gone.wait()
     hold(out, replace(Holder.me(), process=gone.pid))
     assert writer(out) == ""
-    with leased(out, locked=False):
+    with hold_lease(out, locked=False):
         pass
 
 
 def test_a_live_process_of_this_machine_is_refused_where_the_system_has_no_locks(out: Path) -> None:
     hold(out, replace(Holder.me(), process=os.getppid()))
-    with pytest.raises(OutputError, match="another run writes"), leased(out, locked=False):
+    with pytest.raises(OutputError, match="another run writes"), hold_lease(out, locked=False):
         pass
 
 
@@ -76,7 +76,7 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
     monkeypatch.setattr(lease, "TIMES", LeaseTimes(beat_s=0.01))
     beaten, utime = threading.Event(), os.utime
     monkeypatch.setattr(lease.os, "utime", lambda *of: (utime(*of), beaten.set()))
-    with leased(out, locked=True) as me:
+    with hold_lease(out, locked=True) as me:
         assert beaten.wait(60)
         check_lease(out, me.token)
         hold(out, ELSEWHERE)
@@ -94,7 +94,7 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(
 def test_a_network_that_fails_for_a_moment_costs_no_lease(
     out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with leased(out, locked=True) as me:
+    with hold_lease(out, locked=True) as me:
         with monkeypatch.context() as failing:
             failing.setattr(Path, "read_bytes", stale_handle)
             check_lease(out, me.token)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from stereo_seecolor.compute.process import VARIABLES
+from stereo_seecolor.compute.library_threads import VARIABLES
 
 LEFT_RUNNING = """
 import threading, time

@@ -13,15 +13,15 @@ from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.verdict import RANGES, DiveVerdict
 from stereo_seecolor.commands import stereo_inputs
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.interface import Shard
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.fleet.campaign_states import DiveState, save_states
-from stereo_seecolor.extras.fleet.cli import status_text
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
 from stereo_seecolor.extras.fleet.status import status
+from stereo_seecolor.extras.fleet.texts import status_text
 from stereo_seecolor.run_folder import run_progress
 from stereo_seecolor.run_folder.run_progress import ExpectedPasses, RunProgress
 

@@ -39,7 +39,7 @@ from stereo_seecolor.extras.synthetic.reef import Reef
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transformed
+from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain
@@ -126,7 +126,7 @@ def around(mask: NDArray[np.bool_], cells: int) -> NDArray[np.bool_]:
 @pytest.mark.slow
 def test_the_second_dive_is_placed_within_millimeters(found: Comparison) -> None:
     at, points = found.change.registration, found.change.before.points_m[found.change.before.known]
-    off = transformed(at.T_a_b @ T_SECOND, points) - points
+    off = transform_points(at.T_a_b @ T_SECOND, points) - points
     assert np.sqrt((off**2).sum(axis=1).mean()) < 3e-3
     assert at.agreeing > 500 and at.stable > 0.85
     np.testing.assert_array_less(
@@ -288,7 +288,7 @@ def test_a_motion_is_found_among_wrong_matches() -> None:
     rng = np.random.default_rng(0)
     b = rng.uniform(-2, 2, (200, 3))
     T = pose(rotation_from_vector(np.array([0.1, 0.2, 1.5])), [1, 2, 3])
-    a = transformed(T, b) + rng.normal(0, 0.002, b.shape)
+    a = transform_points(T, b) + rng.normal(0, 0.002, b.shape)
     a[60:] = rng.uniform(-2, 2, (140, 3))
     fit = similarity_fit(a, b, 0.02)
     assert fit is not None and fit.inliers[:60].all() and fit.inliers.sum() < 63
@@ -307,7 +307,7 @@ def test_the_scale_of_two_surveys_is_known_within_its_error(scale: float) -> Non
         rng = np.random.default_rng(seed)
         b = rng.uniform(-1, 1, (150, 3)) * [2.0, 1.0, 0.2]
         T = pose(rotation_from_vector(np.array([0.1, 0.2, 1.5])), [1, 2, 3])
-        a = transformed(T, scale * b + rng.normal(0, 0.003, b.shape))
+        a = transform_points(T, scale * b + rng.normal(0, 0.003, b.shape))
         grown = np.linalg.norm(b[:, :2] - [0.5, 0.3], axis=1) < 0.35
         a[grown] += 0.02 * T[:3, 2]
         fit = similarity_fit(a, b + rng.normal(0, 0.003, b.shape), 0.03)
@@ -380,7 +380,7 @@ def test_surfaces_meet_where_they_did_not_change_and_say_how_surely() -> None:
     T = pose(rotation_from_vector(np.array([0.004, -0.003, 0.005])), [0.01, -0.008, 0.012])
     fit = surface_fit(a, noisy.moved(T), np.eye(4), 0.06)
     assert fit is not None and 0.85 < fit.stable < 0.97
-    off = transformed(fit.T @ T, b.points_m) - b.points_m
+    off = transform_points(fit.T @ T, b.points_m) - b.points_m
     assert np.abs(off).max() < 5e-4
     center = (fit.T @ T)[:3] @ [*fit.center_m, 1] - fit.center_m
     assert (np.abs(center) < 5 * np.sqrt(np.diag(fit.covariance))[3:] + 5e-5).all()

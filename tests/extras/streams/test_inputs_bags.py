@@ -32,7 +32,7 @@ from calibration import CalibrationError
 from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError, SeeColorError
-from stereo_seecolor.extras.streams.bag_inputs import bag_info
+from stereo_seecolor.extras.streams.bag_info import bag_info
 from stereo_seecolor.extras.streams.bags.bag import open_bag
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.files.tiff import encode_tiff

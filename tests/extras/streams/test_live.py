@@ -28,14 +28,15 @@ from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.extras.streams.live import session as live_session
+from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 from stereo_seecolor.extras.streams.live.folder_watch import FolderWatch
 from stereo_seecolor.extras.streams.live.played_bag import PlayedBag
 from stereo_seecolor.extras.streams.live.preview import Preview, served
-from stereo_seecolor.extras.streams.live.processing import Budget, LiveProcessor
+from stereo_seecolor.extras.streams.live.processing import LiveProcessor
 from stereo_seecolor.extras.streams.live.session import LiveCounts, LiveSession
 from stereo_seecolor.extras.streams.live.sources import source_of
-from stereo_seecolor.extras.streams.recording import TOPICS
+from stereo_seecolor.extras.streams.mcap_recording import TOPICS
 from stereo_seecolor.files.previews import range_picture
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.reduced import ReducedMatcher, smaller

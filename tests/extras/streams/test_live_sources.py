@@ -270,11 +270,11 @@ for number in range(3000):
     for side, image in images.items():
         height, width = image.shape[:2]
         message = ros.make("Image", ros.header(stamp_ns, "camera"), height, width, "bgr8", 0, 3 * width, image.reshape(-1))
-        node.publish(f"/stereo/{side}/image_raw", ros.type_name("Image"), ros.serialized("Image", message))
+        node.publish(f"/stereo/{side}/image_raw", ros.type_name("Image"), ros.serialize("Image", message))
         packed = cv2.imencode(".png", image)[1]
         message = ros.compressed_image(stamp_ns, packed.tobytes(), ".png")
         topic = f"/stereo/{side}/image_raw/compressed"
-        node.publish(topic, ros.type_name("CompressedImage"), ros.serialized("CompressedImage", message))
+        node.publish(topic, ros.type_name("CompressedImage"), ros.serialize("CompressedImage", message))
     time.sleep(0.1)
 """  # noqa: E501
 
@@ -327,7 +327,7 @@ def test_corrected_pairs_are_published_and_every_message_is_decoded(
     from rosbags.typesys import Stores, get_typestore
 
     from stereo_seecolor.extras.streams.live.ros2 import Node
-    from stereo_seecolor.extras.streams.recording import TOPICS
+    from stereo_seecolor.extras.streams.mcap_recording import TOPICS
     from stereo_seecolor.extras.streams.ros_messages import type_name
 
     store, node, found = get_typestore(Stores.ROS2_HUMBLE), Node(), {}

@@ -31,9 +31,9 @@ class PlaceLimits:
     template_px: int = 12
     """Width of the chart in the picture that is searched."""
     most_alike: float = 0.6
-    """Correlation of two channels of a place of many colors: four real charts and 36 drawn ones had
-    0.53 at most, in their two channels that are least alike. Light, shade and water leave channels
-    alike.
+    """Correlation of two channels of a place of many colors: four real charts and 36 synthetic ones
+    had 0.53 at most, in their two channels that are least alike. Light, shade and water leave
+    channels alike.
     """
     least_color: float = 0.012
     """Spread of one of these that the other does not have, fraction of full scale: above the noise.

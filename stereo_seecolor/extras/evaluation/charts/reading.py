@@ -32,7 +32,7 @@ class ReadingLimits:
     least_patches: int = 8
     """Patches that are seen and fit: a third of a ColorChecker."""
     least_score: float = 0.87
-    """Mean correlation of the channels of all these: at least 0.88 through drawn waters and
+    """Mean correlation of the channels of all these: at least 0.88 through synthetic waters and
     cameras; permuted ColorCheckers had at most 0.84 in 1,000 trials, 0.80 where part of them was
     seen.
     """

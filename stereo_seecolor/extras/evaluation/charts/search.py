@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from calibration import CalibrationError
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.charts.targets import Target, find_charts, found_chart
+from stereo_seecolor.extras.evaluation.charts.chart_finder import find_charts
+from stereo_seecolor.extras.evaluation.charts.targets import Target, found_chart
 from stereo_seecolor.extras.evaluation.evaluate_run import evaluate_spread
 from stereo_seecolor.extras.evaluation.measures import ciede2000, exposure_gain, lab_from_linear
 from stereo_seecolor.files.decode import eight_bit

@@ -58,7 +58,7 @@ class SearchLimits:
     """Steps of these, all together ..."""
     least_climbed: float = 0.75
     """... after which those are refined that agree so well in their two best channels: real charts
-    have 0.77 to 0.86, drawn ones 0.90 and more, the best of all places that are none 0.749.
+    have 0.77 to 0.86, synthetic ones 0.90 and more, the best of all places that are none 0.749.
     """
     least_of_three: float = 0.78
     """Correlation of patches with the published colors, mean of three channels, of what is a chart:

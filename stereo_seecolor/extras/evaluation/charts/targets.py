@@ -11,62 +11,23 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.evaluation.charts.chart_finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.chart_types import (
-    CHART_TYPES,
     CLASSIC,
     DKK,
     SPYDER,
     ChartType,
     FoundChart,
 )
-from stereo_seecolor.extras.evaluation.charts.flat_patches import flat_patches
-from stereo_seecolor.extras.evaluation.charts.lattices import lattices
-from stereo_seecolor.extras.evaluation.charts.reading import read_lattice
-from stereo_seecolor.extras.evaluation.charts.small_charts import small_charts
 from stereo_seecolor.extras.evaluation.charts.white_cards import inner, white_cards
 from stereo_seecolor.extras.evaluation.measures import CLIPPED
-from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.text_documents import read_json
 from stereo_seecolor.records import Image, Map
 
-# Finds color charts in an image: whole and partly seen ones by their patches, small ones by
-# matched filters.
-
-
-def find_charts(image: Image) -> tuple[FoundChart, ...]:
-    """Every chart in an image of 8 or 16 bits, (H, W, 3) RGB, by falling score. Of overlapping
-    outlines that with most patches.
-    """
-    picture = np.asarray(eight_bit(image) / np.float32(255), np.float32)
-    grids = [lattice for patches in flat_patches(picture) for lattice in lattices(patches)]
-    read = [read_lattice(picture, lattice, type) for lattice in grids for type in CHART_TYPES]
-    kept: list[FoundChart] = []
-    _keep(kept, [chart for chart in read if chart])
-    _keep(kept, list(small_charts(picture, CHART_TYPES)))
-    return tuple(sorted(kept, key=lambda chart: -chart.score))
-
-
-def _keep(kept: list[FoundChart], found: list[FoundChart]) -> None:
-    """Add the charts found to those kept, unless they overlap one of them."""
-    for chart in sorted(found, key=lambda chart: (-int(chart.seen.sum()), -chart.score)):
-        if not any(_overlap(chart, other) for other in kept):
-            kept.append(chart)
-
-
-def _overlap(one: FoundChart, other: FoundChart) -> bool:
-    distance = np.hypot(*(one.corners.mean(axis=0) - other.corners.mean(axis=0)))
-    return bool(
-        distance
-        < 0.5 * max(np.hypot(*(chart.corners[1] - chart.corners[0])) for chart in (one, other))
-    )
-
-
 _INNER = 0.25
 """Fraction of a patch that is left out on each side, where its neighbors bleed in."""
-
 CHARTS = {"chart": CLASSIC, "dkk": DKK, "spyder": SPYDER}
 """Kind of a target in a file of targets -> type of chart."""
-
 SPOT = 0.01
 """Edge of a spot that a user names, as a fraction of the image's width: some centimeters on a
 reef.
@@ -121,12 +82,14 @@ def chart(
     return Target(name, tuple(_filled(outline, shape) for outline in outlines), type)
 
 
-def found_chart(name: str, found: FoundChart, shape: tuple[int, ...]) -> Target:
+def found_chart(name: str, detected: FoundChart, shape: tuple[int, ...]) -> Target:
     """The target of a chart that was found; patches that the image does not show are empty."""
-    target = chart(name, found.corners, shape, found.type)
+    target = chart(name, detected.corners, shape, detected.type)
     return replace(
         target,
-        patches=tuple(patch & seen for patch, seen in zip(target.patches, found.seen, strict=True)),
+        patches=tuple(
+            patch & seen for patch, seen in zip(target.patches, detected.seen, strict=True)
+        ),
     )
 
 

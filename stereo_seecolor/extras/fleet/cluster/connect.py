@@ -19,12 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
-from stereo_seecolor.extras.fleet.cluster.local_workers import (
-    CAN_FORK,
-    DASK_SETTINGS,
-    Orders,
-    starter,
-)
+from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
+from stereo_seecolor.extras.fleet.cluster.local_workers import CAN_FORK, Orders, starter
 from stereo_seecolor.extras.fleet.cluster.run_keys import (
     WITHOUT_PAGES,
     in_files,

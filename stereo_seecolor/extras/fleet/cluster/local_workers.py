@@ -28,29 +28,8 @@ from typing import Any, BinaryIO, NoReturn
 from calibration.bounded_text import load_json
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.extras.fleet.cluster.run_keys import NO_PAGES, of_worker
-
-# Settings of Dask for client, scheduler and the workers of this machine.
-
-FAILURES_ALLOWED = 10
-"""Workers that a batch may lose before it is given up: machines may be withdrawn, but a batch that
-kills every worker must not.
-"""
-LOST_S = 60
-"""Seconds for a lost worker to connect again, before another is started in its place."""
-
-DASK_SETTINGS: dict[str, Any] = {
-    "distributed.scheduler.allowed-failures": FAILURES_ALLOWED,
-    "distributed.deploy.lost-worker-timeout": LOST_S,
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "500ms",
-    "distributed.admin.system-monitor.interval": "5s",
-    "distributed.worker.memory.monitor-interval": "500ms",
-    **NO_PAGES,
-}
-"""Dask's monitoring, by default many times a second in each process, takes a twentieth of a core:
-here it is infrequent.
-"""
+from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
+from stereo_seecolor.extras.fleet.cluster.run_keys import of_worker
 
 IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive.passes")
 """Modules that all workers need, by name, since they lie in higher layers than this one."""
@@ -61,7 +40,6 @@ LOOK_S = 0.5
 THREADS_END_S = 1.0
 """Most seconds to wait for threads to end; the remaining ones, of libraries, are idle."""
 CAN_FORK = hasattr(os, "fork")
-
 log = logging.getLogger(__name__)
 
 
@@ -149,9 +127,6 @@ def _end_with(work: Callable[[], object]) -> NoReturn:
         os._exit(code)
 
 
-# In the starter
-
-
 def serve(pipe: BinaryIO) -> None:
     """Keep the number of workers that was ordered through the pipe, until it closes; then end them
     and delete their files.
@@ -225,9 +200,6 @@ def _end_large(running: set[int], memory_bytes: int) -> None:
                     f"{memory_bytes / 1e9:.2f} GB: it was ended"
                 )
                 log.warning("%s, and another does its batch again", what)
-
-
-# In a worker
 
 
 def _work(orders: Orders) -> None:

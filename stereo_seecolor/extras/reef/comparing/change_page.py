@@ -6,7 +6,7 @@ import numpy as np
 
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.report.templates import filled_in
+from stereo_seecolor.report.templates import render_template
 
 UNSTABLE = 0.2
 """Fraction of the ground that may not fit before the page warns: few reefs change so much."""
@@ -34,7 +34,7 @@ def write_change_page(folder: Path, change: SiteChange, first: str, second: str)
     }
     write_atomic(
         folder / "index.html",
-        filled_in("change.html.j2", line=_line(change), reasons=_reasons(change), **values),
+        render_template("change.html.j2", line=_line(change), reasons=_reasons(change), **values),
     )
 
 

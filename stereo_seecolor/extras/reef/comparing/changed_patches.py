@@ -69,24 +69,24 @@ class ChangedPatch:
 
 
 def height_patches(
-    found: Difference, surface: SurfaceDistances, cell_m: float
+    difference: Difference, surface: SurfaceDistances, cell_m: float
 ) -> list[tuple[Kind, Mask]]:
     """Growth and loss whose volume is sure, and which the distances along the normal (H, W) show
     too.
     """
     with np.errstate(invalid="ignore"):
-        clear = np.abs(found.dz_m) > found.lod_m
+        clear = np.abs(difference.dz_m) > difference.lod_m
     known = clear & np.isfinite(surface.distance_m)
     moved = np.abs(np.nan_to_num(surface.distance_m)) > np.nan_to_num(surface.lod_m)
-    z, wide = found.significance, found.wide_significance
+    z, wide = difference.significance, difference.wide_significance
     kept: list[tuple[Kind, Mask]] = []
     kinds: tuple[tuple[Kind, Array, Array], ...] = (("growth", z, wide), ("loss", -z, -wide))
     for kind, narrow, faint in kinds:
         for mask in _regions(
             np.maximum(narrow, faint), _inside(narrow, faint), PATCH_SETTINGS.fewest_cells
         ):
-            volume, std = volume_l(found, mask, cell_m)
-            tail, _ = volume_l(found, with_tails(mask) & ~mask, cell_m)
+            volume, std = volume_l(difference, mask, cell_m)
+            tail, _ = volume_l(difference, with_tails(mask) & ~mask, cell_m)
             # where something tall is gone, few cylinders reach both surfaces
             seen = (mask & known).sum()
             agrees = (
@@ -113,7 +113,7 @@ def with_tails(mask: Mask) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), EDGE) > 0)
 
 
-def volume_l(found: Difference, cells: Mask, cell_m: float) -> tuple[float, float]:
+def volume_l(difference: Difference, cells: Mask, cell_m: float) -> tuple[float, float]:
     """Liters over some cells and their standard error: of errors that the cells share, and of the
     registration's, which all share.
 
@@ -121,16 +121,16 @@ def volume_l(found: Difference, cells: Mask, cell_m: float) -> tuple[float, floa
     a rim that matching blends, are one error within REACH_CELLS, which the average of the site
     does not show.
     """
-    known = cells & np.isfinite(found.dz_m)
-    alike = found.alike(max(int(known.sum()), 1))
-    std_m = np.where(known, found.std_m, 0.0)
-    typical_m = np.median(found.std_m[np.isfinite(found.std_m)])
+    known = cells & np.isfinite(difference.dz_m)
+    alike = difference.alike(max(int(known.sum()), 1))
+    std_m = np.where(known, difference.std_m, 0.0)
+    typical_m = np.median(difference.std_m[np.isfinite(difference.std_m)])
     rims_m = np.where(std_m > typical_m, std_m, 0.0)
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH_CELLS + 1,) * 2)
     together = cv2.filter2D(rims_m, -1, disk.astype(np.float64), borderType=cv2.BORDER_CONSTANT)
     variance = max(alike * float((std_m**2).sum()), float((rims_m * together).sum()))
-    variance += float(found.shared_std_m[known].sum()) ** 2
-    return 1000 * cell_m**2 * float(found.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
+    variance += float(difference.shared_std_m[known].sum()) ** 2
+    return 1000 * cell_m**2 * float(difference.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
 
 
 def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mask]]:

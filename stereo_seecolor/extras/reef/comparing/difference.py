@@ -109,23 +109,28 @@ def difference(
     )
 
 
-def relearned(found: Difference, changed: Mask) -> Difference:
+def relearned(difference: Difference, changed: Mask) -> Difference:
     """Estimate the errors again from all ground but what certainly changed, which is known only at
     the end.
 
     While patches were looked for, ground that differed much was left out, whether it had changed or
     its errors were large.
     """
-    known = np.isfinite(found.dz_m)
+    known = np.isfinite(difference.dz_m)
     stable = known & ~_around(changed)
     if not stable.any():
-        return found
-    std = found.std_m
+        return difference
+    std = difference.std_m
     for _ in range(SETTINGS.rounds):  # between the bins' middles a first round only comes near
-        std = std * spread_by(np.abs(found.dz_m) / std, std, stable)
-    inflation = found.inflation * float(np.median((std / found.std_m)[known]))
+        std = std * spread_by(np.abs(difference.dz_m) / std, std, stable)
+    inflation = difference.inflation * float(np.median((std / difference.std_m)[known]))
     return Difference(
-        found.dz_m, std, stable, inflation, found.shared_std_m, *in_spreads(found.dz_m, std, stable)
+        difference.dz_m,
+        std,
+        stable,
+        inflation,
+        difference.shared_std_m,
+        *in_spreads(difference.dz_m, std, stable),
     )
 
 

@@ -16,7 +16,7 @@ from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.site_surface import Site
-from stereo_seecolor.geometry import transformed
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import ReadableFrames
@@ -76,7 +76,7 @@ def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) 
         compute=compute,
     )
     track = odometry.follow(survey)
-    points = ((i, transformed(T[i], index.points_m[i])) for i in range(len(T)))
+    points = ((i, transform_points(T[i], index.points_m[i])) for i in range(len(T)))
     pairs = [(i, j) for i, j in loops.by_overlap(points, odometry.SETTINGS.window) if j >= count]
     track.edges = [edge for edge in track.edges if min(edge.i, edge.j) >= count]
     track.edges += track.measure(pairs, "frames of both dives", loop=True)

@@ -65,13 +65,14 @@ def distances(
     return SurfaceDistances(distance, np.where(usable, NORMAL_95 * np.sqrt(variance), np.nan))
 
 
-def relearned(found: SurfaceDistances, stable: NDArray[np.bool_]) -> SurfaceDistances:
+def relearned(distances: SurfaceDistances, stable: NDArray[np.bool_]) -> SurfaceDistances:
     """Levels of detection (H, W) such that 95 % of stable ground lie within, as a function of what
     they were.
     """
-    std_m = found.lod_m / NORMAL_95
+    std_m = distances.lod_m / NORMAL_95
     return SurfaceDistances(
-        found.distance_m, found.lod_m * spread_by(np.abs(found.distance_m) / std_m, std_m, stable)
+        distances.distance_m,
+        distances.lod_m * spread_by(np.abs(distances.distance_m) / std_m, std_m, stable),
     )
 
 

@@ -11,7 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import rigid_alignment, scale_of, similarity_alignment, transformed
+from stereo_seecolor.geometry import (
+    rigid_alignment,
+    scale_of,
+    similarity_alignment,
+    transform_points,
+)
 
 Array = NDArray[np.float64]
 
@@ -101,4 +106,4 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
 
 
 def _distances(T: Array, a: Array, b: Array) -> Array:
-    return np.asarray(np.linalg.norm(transformed(T, b) - a, axis=1))
+    return np.asarray(np.linalg.norm(transform_points(T, b) - a, axis=1))

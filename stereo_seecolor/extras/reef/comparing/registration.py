@@ -14,7 +14,7 @@ from stereo_seecolor.extras.reef.comparing.ransac import SimilarityFit, similari
 from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
 from stereo_seecolor.extras.reef.site_surface import Site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
-from stereo_seecolor.geometry import scale_of, transformed
+from stereo_seecolor.geometry import scale_of, transform_points
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def _checked(
             "the surveys cannot be registered: features agree, but the surfaces do not overlap "
             "there"
         )
-    back = transformed(coarse.T @ np.linalg.inv(fine.T), places)
+    back = transform_points(coarse.T @ np.linalg.inv(fine.T), places)
     apart_m = float(np.sqrt(((back - places) ** 2).sum(axis=1).mean()))
     if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
         raise ComparingError(

@@ -141,14 +141,14 @@ def _surface(
     b: SiteMesh,
     before: Terrain,
     errors: tuple[TerrainErrors, TerrainErrors],
-    found: Difference,
+    difference: Difference,
 ) -> SurfaceDistances:
     """Distances at the cells of the terrain; errors grow as those of the heights do on stable
     ground.
     """
-    shape, known = before.grid.shape, np.isfinite(found.dz_m)
-    stds = errors[0].std_m[known], errors[1].std_m[known], found.shared_std_m[known]
-    inflated = (found.inflation * stds[0], found.inflation * stds[1], stds[2])
+    shape, known = before.grid.shape, np.isfinite(difference.dz_m)
+    stds = errors[0].std_m[known], errors[1].std_m[known], difference.shared_std_m[known]
+    inflated = (difference.inflation * stds[0], difference.inflation * stds[1], stds[2])
     at_cells = distances(a, b, before.points_m[known], inflated, before.grid.cell_m)
     fields = []
     for values in (at_cells.distance_m, at_cells.lod_m):
@@ -161,7 +161,7 @@ def _surface(
 def _patch(
     number: int,
     region: tuple[Kind, Mask],
-    found: Difference,
+    difference: Difference,
     moved: Mask,
     color: ColorChange,
     grid: Grid,
@@ -169,9 +169,9 @@ def _patch(
 ) -> ChangedPatch:
     kind, mask = region
     rows, columns = np.nonzero(mask)
-    dz = found.dz_m[mask & np.isfinite(found.dz_m)]
+    dz = difference.dz_m[mask & np.isfinite(difference.dz_m)]
     volume, std = (
-        volume_l(found, mask | (with_tails(mask) & ~moved), grid.cell_m)
+        volume_l(difference, mask | (with_tails(mask) & ~moved), grid.cell_m)
         if kind in ("growth", "loss")
         else (float("nan"), float("nan"))
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
-from stereo_seecolor.geometry import rotation_from_vector, transformed
+from stereo_seecolor.geometry import rotation_from_vector, transform_points
 from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ def surface_fit(a: SiteMesh, b: SiteMesh, T: Array, reach_m: float) -> SurfaceFi
     moving, first_reach_m = _ground(b), reach_m
     tree = cKDTree(a.points_m)
     for _ in range(SETTINGS.rounds):
-        found = _Distances.of(a, tree, transformed(T, moving), reach_m)
+        found = _Distances.of(a, tree, transform_points(T, moving), reach_m)
         if found is None:
             return None
         step = np.asarray(
@@ -70,11 +70,13 @@ def surface_fit(a: SiteMesh, b: SiteMesh, T: Array, reach_m: float) -> SurfaceFi
         reach_m = max(min(reach_m, 6 * found.spread_m), first_reach_m / 2)
         if np.abs(step[:3]).max() * found.size_m + np.abs(step[3:]).max() < SETTINGS.settled_m:
             break
-    found = _Distances.of(a, tree, transformed(T, moving), reach_m)
+    found = _Distances.of(a, tree, transform_points(T, moving), reach_m)
     if found is None:
         return None
     over_both = int(
-        np.isfinite(tree.query(transformed(T, moving), distance_upper_bound=first_reach_m)[0]).sum()
+        np.isfinite(
+            tree.query(transform_points(T, moving), distance_upper_bound=first_reach_m)[0]
+        ).sum()
     )
     stable = float((found.weight > 0).sum()) / over_both
     return SurfaceFit(T, found.covariance(), found.center_m, found.spread_m, stable, over_both)

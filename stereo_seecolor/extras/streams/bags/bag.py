@@ -202,9 +202,9 @@ def open_bag(path: Path) -> Bag:
     return Bag(path, tuple(files), tuple(topics), tuple(problems), tuple(sorted(+unstamped)))
 
 
-def _topic(name: str, msgtype: str, found: _Gathered) -> Topic:
-    entries = tuple(sorted(found.entries, key=lambda entry: entry.stamp_ns))
-    return Topic(name, msgtype, found.count, found.first_ns, found.last_ns, entries)
+def _topic(name: str, msgtype: str, gathered: _Gathered) -> Topic:
+    entries = tuple(sorted(gathered.entries, key=lambda entry: entry.stamp_ns))
+    return Topic(name, msgtype, gathered.count, gathered.first_ns, gathered.last_ns, entries)
 
 
 def payload(path: Path, place: Place) -> bytes:
@@ -219,14 +219,14 @@ def payload(path: Path, place: Place) -> bytes:
         else:
             with FileSource(path) as source:
                 content = source.bytes_at(place.start, place.size)
-        return unzipped(content)
+        return decompress_message(content)
     except (OSError, Cut, sqlite3.Error, KeyError) as error:
         raise InputError(
             f"{path}: a message of it cannot be read: {error}: copy the bag again from the vehicle"
         ) from error
 
 
-def unzipped(content: bytes) -> bytes:
+def decompress_message(content: bytes) -> bytes:
     """A message; some ROS 2 recorders compress each by itself."""
     if not content.startswith(ZSTD_MAGIC):
         return content

@@ -1,6 +1,7 @@
 """The frames of two videos that are pairs: an earlier run's choice, or chosen now and kept in OUT.
 
-To choose them, both videos are decoded completely.
+To choose them, both videos are decoded completely. Frames are read from the video when needed, and
+never written to disk.
 """
 
 import json
@@ -23,8 +24,6 @@ from stereo_seecolor.inputs.video_frames import frame_path, size_of_side
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import video_pairs_file
 from stereo_seecolor.version import __version__
-
-# Frames are read from the video when needed, and never written to disk.
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Videos:
         return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes))
 
 
-def paired_anew(left: Path, right: Path, images: InputConfig) -> Pairing:
+def pair_again(left: Path, right: Path, images: InputConfig) -> Pairing:
     """The pairs of two videos, or of one that shows both sides, chosen now. Raises InputError,
     DeviceError.
     """

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification, StereoRig
-from calibration.field_checks.matches import QUICK, find_matches
+from calibration.verification.matches import QUICK, find_matches
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.lags import Array, Lag
 from stereo_seecolor.extras.streams.videos.motion import VideoSignals

@@ -12,9 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import Matches, explain, robust_fit, row_inliers
-from calibration.field_checks.rigid_motion import LATER, SeenTwice, fit_motions
 from calibration.geometry import RectifiedPair
+from calibration.verification.matches import Matches
+from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
+from calibration.verification.row_fits import explain, robust_fit, row_inliers
 
 Array = NDArray[np.float64]
 Kind = Literal["", "odd", "step", "each"]
@@ -65,15 +66,15 @@ class PairRows:
         return self.disparity_px < 0
 
 
-def pair_rows(found: Matches, pair: RectifiedPair) -> PairRows | None:
+def pair_rows(matches: Matches, pair: RectifiedPair) -> PairRows | None:
     """Describe a pair by its matches in the images that are matched; None for too few."""
-    if len(found.left) < LEAST_POINTS:
+    if len(matches.left) < LEAST_POINTS:
         return None
-    kept = row_inliers(found.left, found.right, pair)
+    kept = row_inliers(matches.left, matches.right, pair)
     if kept.sum() < LEAST_POINTS:
         return None
-    left = found.left[kept] - [pair.cx_left_px, pair.cy_px]
-    right = found.right[kept] - [pair.cx_right_px, pair.cy_px]
+    left = matches.left[kept] - [pair.cx_left_px, pair.cy_px]
+    right = matches.right[kept] - [pair.cx_right_px, pair.cy_px]
     rows, disparity = right[:, 1] - left[:, 1], left[:, 0] - right[:, 0]
     (offset, scale, roll), rest = explain(rows, left)
     terms = np.column_stack([np.ones(len(left)), left, disparity - np.median(disparity)])

@@ -1,6 +1,4 @@
-"""The rig of a dive: its calibration file read for the images of the dive, and refined with pairs
-of the dive.
-"""
+"""The calibration file of a dive: read for the images of the dive, and refined with its pairs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -8,12 +6,12 @@ from itertools import islice
 from pathlib import Path
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.conventions import resolve_convention
-from calibration.field_checks.matches import Matches, raw_matches
 from calibration.formats import load_rig_of_images
 from calibration.port import flat_port
 from calibration.resizing import wrong_size
 from calibration.rig import for_channels
+from calibration.verification.conventions import resolve_convention
+from calibration.verification.matches import Matches, raw_matches
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -38,7 +36,7 @@ def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
     """
     if not (is_video(left) and is_video(right)):
         return pair_sides(left, right, images)
-    pairing: Pairing = load("inputs", "videos").paired_anew(left, right, images)
+    pairing: Pairing = load("inputs", "videos").pair_again(left, right, images)
     return pairing
 
 
@@ -131,7 +129,7 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
         )
 
 
-def refined_rig(
+def refine_rig(
     rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions
 ) -> StereoRig:
     """The rig refined with pairs spread over the dive, those that can be read. Raises

@@ -19,7 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
-from calibration.field_checks.matches import (
+from calibration.geometry import RectifiedPair
+from calibration.rectification import Rectification
+from calibration.resampling import jackknife
+from calibration.rig_errors import RangeError
+from calibration.verification.matches import (
     MATCH_LIMITS,
     QUICK,
     Images,
@@ -27,12 +31,10 @@ from calibration.field_checks.matches import (
     MatchLimits,
     describe_left,
     describe_right,
-    explain,
-    jackknife,
     match_described,
     same_points,
 )
-from calibration.field_checks.rigid_motion import (
+from calibration.verification.rigid_motion import (
     COLUMNS,
     FOCAL,
     LATER,
@@ -44,9 +46,7 @@ from calibration.field_checks.rigid_motion import (
     corrected_points,
     fit_motions,
 )
-from calibration.geometry import RectifiedPair
-from calibration.rectification import Rectification
-from calibration.rig_errors import RangeError
+from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 

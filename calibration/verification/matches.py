@@ -1,4 +1,6 @@
-"""Matched points of both rectified images, and fits of their vertical disparity over the image."""
+"""Matched points of both rectified images of a pair, with sub-pixel positions; their rows may
+differ.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -8,36 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.alignment import align
-from calibration.geometry import RectifiedPair
+from calibration.gray import to_gray
 from calibration.rectification import Rectification, raw_points, rectified_points
 from calibration.rig import StereoRig
-
-# Conversion of any camera image to 8-bit gray, in which corners and features are found.
-
-
-def to_gray(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Convert (H, W) or (H, W, C) to (H, W) uint8: the mean of the channels (underwater red may be
-    empty), stretched to the full range.
-    """
-    channels = [image] if image.ndim == 2 else np.moveaxis(image, 2, 0)
-    gray = channels[0].astype(np.float32)
-    for channel in channels[1:]:  # a fifth of the time of numpy's mean over an axis of three
-        gray += channel.astype(np.float32)
-    gray /= np.float32(len(channels))
-    low, high = np.percentile(gray[::4, ::4], (0.5, 99.5))
-    stretched = gray - low
-    stretched *= 255 / max(high - low, 1.0)
-    return np.asarray(np.clip(stretched, 0, 255, out=stretched), dtype=np.uint8)
-
-
-# Matched points of both rectified images of a pair, to a fraction of a pixel, whose rows may
-# differ.
+from calibration.verification.alignment import align
+from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 Images = tuple[NDArray[np.generic], NDArray[np.generic]]
-
-
 SIFT_BYTES_A_PIXEL = 250
 UNLIKE = 400.0**2
 """Squared distance of SIFT descriptors (length 512) that are hardly alike: what a feature without a
@@ -312,69 +292,3 @@ def _follow(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     return np.asarray(moved, dtype=np.float32).reshape(-1, 2), np.asarray(found == 1).reshape(-1)
-
-
-# Robust fits of vertical disparity over the image: which matches are wrong, and what offset,
-# scale and roll explain the rest.
-
-
-def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
-    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend
-    over the image.
-    """
-    x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
-    disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
-    one = np.ones_like(x)
-    terms = np.column_stack([one, x, y, x * y, y**2, x**2 * y, y**3, x * y * disparity])
-    _, rest = robust_fit(terms, right[:, 1] - left[:, 1])
-    return np.abs(rest) < max(4 * 1.4826 * float(np.median(np.abs(rest))), 0.3)
-
-
-def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
-    """Fit offset, scale and roll (radians) to rows; return these and the residuals. offsets: (n, 2)
-    pixels from the middle.
-    """
-    return robust_fit(np.column_stack([np.ones(len(rows)), offsets[:, 1], offsets[:, 0]]), rows)
-
-
-def robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
-    """Fit by least absolute deviations, iteratively reweighted; return coefficients and
-    residuals.
-    """
-    weights = np.ones(len(values))
-    for _ in range(15):
-        root = np.sqrt(weights)[:, None]
-        coefficients, *_ = np.linalg.lstsq(terms * root, values * root[:, 0], rcond=None)
-        rest = values - terms @ coefficients
-        weights = 1 / np.maximum(np.abs(rest), 0.05)
-    return np.asarray(coefficients), rest
-
-
-# Standard errors and model choice by leaving out parts of the data.
-
-NEGLIGIBLE = 0.05  # of a squared error: 2.5 % of an error
-TINY = 1e-12  # px^2: data without noise have no error to compare
-
-
-def jackknife(estimates: Array) -> Array:
-    """Compute standard errors (k,) from (groups, k) estimates without one group each (Efron 1982,
-    The Jackknife, ch. 3).
-
-    Unlike those of least squares they hold where the errors of a group are alike: a target bent, a
-    shutter late.
-    """
-    groups = len(estimates)
-    return np.asarray(np.sqrt((groups - 1) * estimates.var(axis=0)))
-
-
-def no_worse(squares: Array, best: Array) -> bool:
-    """Tell whether squared errors (n,) of parts left out are as good as the best model's: not
-    significantly larger, or by too little to matter.
-
-    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten parts,
-    chance favors a needless coefficient often enough, and it costs more than it gives. Errors are
-    compared as ratios, so that many parts that agree outweigh one that is large.
-    """
-    ratio = np.log(np.maximum(squares, TINY) / np.maximum(best, TINY))
-    doubt = 2 * ratio.std(ddof=1) / np.sqrt(ratio.size)
-    return bool(squares.mean() <= (1 + NEGLIGIBLE) * best.mean() or ratio.mean() <= doubt)

@@ -22,7 +22,7 @@ class AlignmentLimits:
     """How windows are aligned, and which of them agree.
 
     half_px: of a window; smaller ones are less sure of the row in compressed video (median error
-    of .45 px with 15, .35 px with 20: drawn reef, 860 mm, H.264), larger ones reach over steps.
+    of .45 px with 15, .35 px with 20: synthetic reef, 860 mm, H.264), larger ones reach over steps.
     smoothing_px: standard deviation. correlation, row_std_px: of windows that agree: of two
     different scenes, 3 of 80 windows do, and 370 of 450 of one scene. moved_px: from where the
     features lie. deformed: scale and shear of columns.

@@ -5,10 +5,10 @@ it.
 from dataclasses import dataclass
 
 from calibration.errors import counted
-from calibration.field_checks.causes import NOT_TESTED, Causes
-from calibration.field_checks.large_causes import NOT_TRIED, BestFactor
-from calibration.field_checks.motion import NO_MOTION, Motion
-from calibration.field_checks.table import (
+from calibration.verification.causes import NOT_TESTED, Causes
+from calibration.verification.large_causes import NOT_TRIED, BestFactor
+from calibration.verification.motion import NO_MOTION, Motion
+from calibration.verification.table import (
     ENLARGED,
     GIVE_RECTIFIED,
     IN_AIR,
@@ -260,11 +260,11 @@ class RowCheck:
         advice += [self.odd] if self.odd else []
         return tuple(advice)
 
-    def _large(self, cause: LargeCause, found: BestFactor) -> str:
+    def _large(self, cause: LargeCause, best: BestFactor) -> str:
         text = cause.text.format(
-            factor=found.factor,
-            inverse=1 / found.factor,
-            left=found.unexplained_px,
+            factor=best.factor,
+            inverse=1 / best.factor,
+            left=best.unexplained_px,
             rows=self.unexplained_px,
         )
         return f"{text}; {cause.cure}"

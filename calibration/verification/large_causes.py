@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import explain
-from calibration.field_checks.table import LargeCause
 from calibration.rectification import plan_rectification, raw_points
 from calibration.rig import StereoRig
+from calibration.verification.row_fits import explain
+from calibration.verification.table import LargeCause
 
 Array = NDArray[np.float64]
 MOST_MATCHES = 2000  # spread evenly: more cost time, and tell the same

@@ -7,14 +7,14 @@ import numpy as np
 
 from calibration.checks import rows_off_px
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import (
+from calibration.rig import StereoRig
+from calibration.verification.matches import (
     QUICK,
     Images,
     Matches,
     raw_matches,
     rectified_matches,
 )
-from calibration.rig import StereoRig
 
 CLEARLY_BETTER = 1.2
 """Readings whose vertical disparities are nearer than this to each other fit alike: the first,

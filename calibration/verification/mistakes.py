@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.field_checks.matches import Images, Matches, similar_points
-from calibration.field_checks.table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
-from calibration.field_checks.vertical_disparity import RowCheck
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig
+from calibration.verification.matches import Images, Matches, similar_points
+from calibration.verification.table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
+from calibration.verification.vertical_disparity import RowCheck
 
 Array = NDArray[np.float64]
 
@@ -169,9 +169,9 @@ def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic
     return left.shape[1::-1] == rig.left.image_size and right.shape[1::-1] == rig.right.image_size
 
 
-def _together(found: list[Matches]) -> Matches:
+def _together(matches: list[Matches]) -> Matches:
     left, right = (
-        np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in found)])
+        np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in matches)])
         for side in ("left", "right")
     )
     return Matches(left, right)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import QUICK, Images, Matches, find_matches
-from calibration.field_checks.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES
 from calibration.rectification import Rectification
+from calibration.verification.matches import QUICK, Images, Matches, find_matches
+from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES
 
 Array = NDArray[np.float64]
 LEAST_PIXELS = 1.6e5

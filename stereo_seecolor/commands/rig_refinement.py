@@ -1,12 +1,12 @@
-"""The refined rig of a run: an earlier run's, or refined now and kept in OUT."""
+"""The refinement of a rig in a run: refined now and written to OUT, or read from an earlier run."""
 
 from dataclasses import dataclass
 
 from calibration import CalibrationError, StereoRig
-from calibration.field_checks.mistakes import LIMITS, likely_mistake
 from calibration.formats import native
+from calibration.verification.mistakes import LIMITS, likely_mistake
 from stereo_seecolor.checks.sample import evenly_spaced, first_images
-from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, refined_rig
+from stereo_seecolor.commands.rig_loading import REFINING_PAIRS, refine_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
@@ -47,7 +47,7 @@ class DiveRefinement:
 
     def _refined(self, rig: StereoRig) -> tuple[StereoRig, str]:
         try:
-            refined = refined_rig(rig, self.pairing.pairs, self.images, self.options)
+            refined = refine_rig(rig, self.pairing.pairs, self.images, self.options)
         except CalibrationError as error:
             return rig, f"calibration: used unchanged, because it could not be refined: {error}"
         found = refined.refinement

@@ -14,18 +14,20 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import Matches, jackknife, robust_fit, row_inliers
-from calibration.field_checks.motion import LIMITS as MOTION_LIMITS
-from calibration.field_checks.motion import fit_clear, range_error
-from calibration.field_checks.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
-from calibration.field_checks.table import CAUSES, MOVED, Cause
 from calibration.geometry import RectifiedPair
 from calibration.rectification import (
     plan_rectification,
     raw_points,
     rectified_points,
 )
+from calibration.resampling import jackknife
 from calibration.rig import StereoRig
+from calibration.verification.matches import Matches
+from calibration.verification.motion import LIMITS as MOTION_LIMITS
+from calibration.verification.motion import fit_clear, range_error
+from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
+from calibration.verification.row_fits import robust_fit, row_inliers
+from calibration.verification.table import CAUSES, MOVED, Cause
 
 Array = NDArray[np.float64]
 
@@ -152,7 +154,7 @@ NOT_TESTED = Causes()
 
 
 def find_causes(
-    rig: StereoRig, found: Sequence[Matches], couples: Sequence[SeenTwice] = ()
+    rig: StereoRig, matches: Sequence[Matches], couples: Sequence[SeenTwice] = ()
 ) -> Causes:
     """Fit all causes to the rows of matches in the rig's rectified images, and to what couples of
     neighboring pairs show.
@@ -160,7 +162,7 @@ def find_causes(
     Not tested where they show too few points.
     """
     try:
-        evidence = _Observed.of(rig, found, couples)
+        evidence = _Observed.of(rig, matches, couples)
     except np.linalg.LinAlgError:  # all points in one place
         return NOT_TESTED
     if evidence is None:
@@ -211,13 +213,13 @@ class _Observed:
 
     @classmethod
     def of(
-        cls, rig: StereoRig, found: Sequence[Matches], couples: Sequence[SeenTwice]
+        cls, rig: StereoRig, matches: Sequence[Matches], couples: Sequence[SeenTwice]
     ) -> "_Observed | None":
         plan = plan_rectification(rig)
         pair = plan.matching_pair
         centers = np.array([[pair.cx_left_px, pair.cy_px], [pair.cx_right_px, pair.cy_px]])
         sides = []
-        for one in (one for one in found if len(one.left) >= LEAST_POINTS):
+        for one in (one for one in matches if len(one.left) >= LEAST_POINTS):
             kept = row_inliers(one.left, one.right, pair)
             sides.append((one.left[kept] - centers[0], one.right[kept] - centers[1]))
         if not sides:

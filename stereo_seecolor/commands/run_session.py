@@ -1,5 +1,5 @@
-"""OUT taken for a command over the pairs of a dive, and the files that describe the run, written
-when it ends.
+"""The session of a run over the pairs of a dive: it locks OUT, and writes run.json, frames.csv and
+the page when the run ends.
 """
 
 import time
@@ -70,7 +70,7 @@ def stereo_run(
                 opened.for_dive(folder, options).part(shard), folder, options, last
             )
             compile_for(config, options)
-            with reported(
+            with run_session(
                 opened.pipeline, opened.pairing, inputs.names, folder, options, last, passes
             ) as run:
                 folder.dive.write(RIG, native.to_bytes(opened.pipeline.rig))
@@ -95,7 +95,7 @@ def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, las
 
 
 @contextmanager
-def reported(
+def run_session(
     source: PairSource,
     pairing: Pairing,
     inputs: dict[str, str],

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.field_checks.matches import jackknife
 from calibration.geometry import RectifiedPair
+from calibration.resampling import jackknife
 
 Array = NDArray[np.float64]
 POSE = 6

@@ -1,0 +1,42 @@
+"""Robust fits of the vertical disparity over the image: wrong matches, and the offset, scale and
+roll that explain the others.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+
+Array = NDArray[np.float64]
+
+
+def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
+    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend
+    over the image.
+    """
+    x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
+    disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
+    one = np.ones_like(x)
+    terms = np.column_stack([one, x, y, x * y, y**2, x**2 * y, y**3, x * y * disparity])
+    _, rest = robust_fit(terms, right[:, 1] - left[:, 1])
+    return np.abs(rest) < max(4 * 1.4826 * float(np.median(np.abs(rest))), 0.3)
+
+
+def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
+    """Fit offset, scale and roll (radians) to rows; return these and the residuals. offsets: (n, 2)
+    pixels from the middle.
+    """
+    return robust_fit(np.column_stack([np.ones(len(rows)), offsets[:, 1], offsets[:, 0]]), rows)
+
+
+def robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
+    """Fit by least absolute deviations, iteratively reweighted; return coefficients and
+    residuals.
+    """
+    weights = np.ones(len(values))
+    for _ in range(15):
+        root = np.sqrt(weights)[:, None]
+        coefficients, *_ = np.linalg.lstsq(terms * root, values * root[:, 0], rcond=None)
+        rest = values - terms @ coefficients
+        weights = 1 / np.maximum(np.abs(rest), 0.05)
+    return np.asarray(coefficients), rest

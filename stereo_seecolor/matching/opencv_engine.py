@@ -1,0 +1,78 @@
+"""The matching engine ``opencv``, OpenCV's semi-global block matching: for comparison, and where
+numba cannot run.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, MatchedDisparity
+from stereo_seecolor.matching.gray import Gray, GrayPair
+from stereo_seecolor.records import StereoFrame
+
+
+@dataclass(frozen=True)
+class BlockMatchingConstants:
+    """Parameters of cv2.StereoSGBM.
+
+    block: side of a block, pixels. p1, p2: penalties per pixel of a block, from OpenCV's examples
+    for one channel.
+    uniqueness_percent: least excess of the second best cost over the best, percent. left_right_px:
+    largest difference in the left-right check.
+    """
+
+    block: int = 3
+    p1: int = 8
+    p2: int = 32
+    uniqueness_percent: int = 10
+    left_right_px: int = 1
+
+
+CONSTANTS = BlockMatchingConstants()
+
+
+class OpenCvMatching:
+    """The engine ``opencv``: cv2.StereoSGBM in its three-way mode over the disparities
+    lowest..highest, pixels.
+    """
+
+    refined = False
+
+    def __init__(self, lowest: int, highest: int) -> None:
+        self._lowest = lowest
+        self._count = -(-(highest - lowest + 1) // 16) * 16
+        self._beyond = max(0, lowest + self._count)
+
+    def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
+        """Find the disparities of a pair, in sixteenths of a pixel."""
+        area = CONSTANTS.block**2
+        matcher = cv2.StereoSGBM.create(
+            minDisparity=self._lowest,
+            numDisparities=self._count,
+            blockSize=CONSTANTS.block,
+            P1=CONSTANTS.p1 * area,
+            P2=CONSTANTS.p2 * area,
+            disp12MaxDiff=CONSTANTS.left_right_px,
+            uniquenessRatio=CONSTANTS.uniqueness_percent,
+            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        )
+        fixed = matcher.compute(self._padded(pair.left), self._padded(pair.right))[
+            :, self._beyond :
+        ]
+        found = np.where(
+            fixed >= 16 * self._lowest, fixed / np.float32(16), np.float32(np.nan)
+        ).astype(np.float32)
+        found = np.ascontiguousarray(found)
+        return MatchedDisparity(found, found, np.full_like(found, FIXED_UNIQUENESS))
+
+    def _padded(self, image: Gray) -> NDArray[np.uint8]:
+        """8 bits, and wider on the left: OpenCV matches nothing nearer to that side than its
+        largest disparity.
+        """
+        eight = cv2.convertScaleAbs(image, alpha=1 / 256)
+        wider: NDArray[np.uint8] = cv2.copyMakeBorder(
+            eight, 0, 0, self._beyond, 0, cv2.BORDER_REPLICATE
+        )
+        return wider
