@@ -34,6 +34,10 @@ from golden_numbers import (
     run_numbers,
     write_numbers,
 )
+from small_dives import half_size, write_half_pictures
+
+from calibration.field_checks.conventions import resolve_convention
+from calibration.formats import load_rig, native
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
@@ -53,39 +57,45 @@ REAL_FRAMES = (
     "--range",
     str(REAL_DATA / "flsea" / "range"),
 )
-ACFR = REAL_DATA / "acfr"
-REAL_DIVE = (
-    "--left",
-    str(ACFR / "left"),
-    "--right",
-    str(ACFR / "right"),
-    "--calib",
-    str(ACFR / "stereo_calib.mat"),
-)
 
+
+def half_of_the_real_dive(folder: Path) -> tuple[str, ...]:
+    """All pairs in pictures of half the size, whose water and map differ little from those of the
+    whole ones: half the time.
+    """
+    data = REAL_DATA / "acfr"
+    sides = {side: sorted((data / side).iterdir()) for side in ("left", "right")}
+    for side, files in sides.items():
+        write_half_pictures(files, folder / side)
+    first = [tuple(read_image(files[0]) for files in sides.values())]
+    rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)
+    native.write(half_size(rig), folder / "cam.yaml")
+    words = ("--left", folder / "left", "--right", folder / "right", "--calib", folder / "cam.yaml")
+    return tuple(map(str, words))
+
+
+INPUTS: dict[str, Callable[[Path], tuple[str, ...]]] = {
+    "sample_dive": lambda _: SAMPLE_DIVE,
+    "flsea": lambda _: REAL_FRAMES,
+    "acfr": half_of_the_real_dive,
+}
+"""By the file of the numbers: the options that name the inputs; they may be written into an empty
+folder.
+"""
 RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = {
     "sample_dive": {
-        "run": (("run", *SAMPLE_DIVE), run_numbers),
-        "run, a water a frame": (
-            ("run", *SAMPLE_DIVE, "--set", "color.lock=frame"),
-            color_run_numbers,
-        ),
-        "range, filled": (
-            ("range", *SAMPLE_DIVE, "--set", "matching.fill=true"),
-            range_run_numbers,
-        ),
+        "run": (("run",), run_numbers),
+        "run, a water a frame": (("run", "--set", "color.lock=frame"), color_run_numbers),
+        "range, filled": (("range", "--set", "matching.fill=true"), range_run_numbers),
     },
     "flsea": {
-        "correct": (("correct", *REAL_FRAMES), color_run_numbers),
-        "correct, one water": (
-            ("correct", *REAL_FRAMES, "--set", "color.lock=survey"),
-            color_run_numbers,
-        ),
+        "correct": (("correct",), color_run_numbers),
+        "correct, one water": (("correct", "--set", "color.lock=survey"), color_run_numbers),
     },
-    "acfr": {"run": (("run", *REAL_DIVE, "--refine"), run_numbers)},
+    "acfr": {"run": (("run", "--refine"), run_numbers)},
 }
-"""By the file of the numbers, then by a name in it: the command without --out, and what is kept of
-its folder.
+"""By the file of the numbers, then by a name in it: the command without inputs and --out, and what
+is kept of its folder.
 """
 MAPS: dict[str, dict[str, tuple[tuple[str, ...], Tolerances]]] = {
     "sample_dive": {
@@ -108,7 +118,8 @@ def golden(file: str) -> Numbers:
 
 def run(file: str, name: str, out: Path) -> Numbers:
     words, numbers = RUNS[file][name]
-    code, said = command(*words, "--out", str(out))
+    inputs = INPUTS[file](out.parent / "inputs")
+    code, said = command(*words, *inputs, "--out", str(out))
     assert code == 0, said
     return numbers(out)
 
