@@ -65,6 +65,7 @@ settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
+GIVEN_POSES = ("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given")
 REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
@@ -90,6 +91,7 @@ first.
 SLOW_FIXTURES = {
     "sample_run",
     "waters_a_frame",
+    "mapped_by_poses",
     "finished_demo",
     "fused_dive",
     "flown_reef",
@@ -230,6 +232,15 @@ def waters_a_frame(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFacto
     out = sample_run.copy(tmp_path_factory.mktemp("waters_a_frame") / "out")
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
     code, said = command("run", *sides, "--out", out, "--set", "color.lock=frame")
+    assert code == 0, said
+    return out
+
+
+@pytest.fixture(scope="session")
+def mapped_by_poses(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The output folder of the sample dive with the map by its given poses; to be read only."""
+    out = sample_run.copy(tmp_path_factory.mktemp("mapped_by_poses") / "out")
+    code, said = command("fuse", out, *GIVEN_POSES)
     assert code == 0, said
     return out
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import REAL_DATA, SampleRun, command
+from conftest import GIVEN_POSES, REAL_DATA, SampleRun, command
 from golden_numbers import (
     OWN_TRACK,
     SAME_FILES,
@@ -100,10 +100,7 @@ is kept of its folder.
 MAPS: dict[str, dict[str, tuple[tuple[str, ...], Tolerances]]] = {
     "sample_dive": {
         "map, own track": ((), OWN_TRACK),
-        "map, given poses": (
-            ("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given"),
-            SAME_FILES,
-        ),
+        "map, given poses": (GIVEN_POSES, SAME_FILES),
     },
     "acfr": {"map, own track": ((), OWN_TRACK)},
 }
@@ -163,8 +160,8 @@ def test_the_map_of_the_sample_dive_by_its_own_track(dive: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_map_of_the_sample_dive_by_given_poses(sample_run: SampleRun, tmp_path: Path) -> None:
-    measured = fuse("sample_dive", "map, given poses", sample_run.copy(tmp_path / "out"))
+def test_the_map_of_the_sample_dive_by_given_poses(mapped_by_poses: Path) -> None:
+    measured = map_numbers(mapped_by_poses)
     assert not differences(golden("sample_dive")["map, given poses"], measured, SAME_FILES)
 
 
