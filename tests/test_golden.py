@@ -34,10 +34,11 @@ from golden_numbers import (
     run_numbers,
     write_numbers,
 )
-from small_dives import half_size, write_half_pictures
+from small_dives import write_half_pictures
 
 from calibration.field_checks.conventions import resolve_convention
 from calibration.formats import load_rig, native
+from calibration.resizing import resized_rig
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
@@ -69,7 +70,7 @@ def half_of_the_real_dive(folder: Path) -> tuple[str, ...]:
         write_half_pictures(files, folder / side)
     first = [tuple(read_image(files[0]) for files in sides.values())]
     rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)
-    native.write(half_size(rig), folder / "cam.yaml")
+    native.write(resized_rig(rig, (680, 512)), folder / "cam.yaml")
     words = ("--left", folder / "left", "--right", folder / "right", "--calib", folder / "cam.yaml")
     return tuple(map(str, words))
 

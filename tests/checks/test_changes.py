@@ -53,9 +53,7 @@ def foreign() -> Iterator[Picture]:
     )
     for shift_px, down_px in ((40, 0.0), (8, 6.0)):
         M = np.array([[1, 0.01, -shift_px], [0, 1.01, down_px]], np.float64)
-        yield cv2.resize(
-            cv2.warpAffine(scene, M, (576, 448), borderMode=cv2.BORDER_REFLECT), (288, 224)
-        )
+        yield cv2.warpAffine(scene, M, (576, 448), borderMode=cv2.BORDER_REFLECT)
 
 
 def focus(number: int, side: str, picture: Picture) -> Picture:
@@ -99,7 +97,8 @@ def test_dive_commands_and_check_name_what_changes_and_end_with_3(
 
 @pytest.mark.slow
 def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
-    other = dict(zip(("left", "right"), foreign(), strict=True))
+    small = (cv2.resize(view, None, fx=0.5, fy=0.5) for view in foreign())
+    other = dict(zip(("left", "right"), small, strict=True))
     left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
     words = [f"--left={left}", f"--right={right}", f"--calib={left.parent / 'cam.yaml'}"]
     code, _, said = cli("range", *words, "--out", tmp_path / "out")
@@ -130,10 +129,12 @@ def test_exchanged_pairs_are_named_once(swapped: range, tmp_path: Path) -> None:
 def test_an_odd_pair_between_those_that_are_compared_is_found_by_its_numbers(
     tmp_path: Path,
 ) -> None:
-    other = dict(zip(("left", "right"), foreign(), strict=True))
-    left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
-    rectification = Rectification.from_rig(load_rig(tmp_path / "cam.yaml"))
-    pairs = pairs_of(left, right, InputConfig()).pairs
+    pairs = list(pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs)
+    other = (tmp_path / "left.png", tmp_path / "right.png")
+    for path, view in zip(other, foreign(), strict=True):
+        cv2.imwrite(str(path), view)
+    pairs[6] = Pair(pairs[6].name, *other)
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
     usual = {"coverage": 0.9, "median_range_m": 2.0}
     facts = [usual] * 6 + [{"coverage": 0.5, "median_range_m": 1.2}] + [usual] * 5
     assert odd_among(rectification, pairs, InputConfig(), facts).odd == {NAMES[6]}

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_dives import half_size, write_half_pictures
+from small_dives import write_half_pictures
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
 from calibration.field_checks.conventions import resolve_convention
 from calibration.formats import load_rig, native
+from calibration.resizing import resized_rig
 from stereo_seecolor.checks.sample import read_both
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig, MappingConfig, RunConfig
@@ -69,10 +70,8 @@ def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
         read_both(pair, InputConfig())
         for pair in pair_folders(data / "left", data / "right", InputConfig()).pairs[:1]
     ]
-    native.write(
-        half_size(resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)),
-        folder / "cam.yaml",
-    )
+    rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)
+    native.write(resized_rig(rig, (680, 512)), folder / "cam.yaml")
     settings = {
         "input": {"refine": True},
         "output": {"preset": "no-clouds"},

@@ -7,24 +7,12 @@ from pathlib import Path
 
 import cv2
 
-from calibration import Camera, StereoRig
 from calibration.formats import load_rig, native
+from calibration.resizing import resized_rig
 
 REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
 OVERLAPPING = range(4, 8)
 """The frames of the sample dive where its two lines overlap."""
-
-
-def half_size(rig: StereoRig) -> StereoRig:
-    """The rig of pictures of half the size: a pixel's center is at a whole number."""
-
-    def half(camera: Camera) -> Camera:
-        K = camera.K.copy()
-        K[:2] /= 2
-        K[:2, 2] -= 0.25
-        return Camera(K, camera.distortion, (camera.image_size[0] // 2, camera.image_size[1] // 2))
-
-    return StereoRig(half(rig.left), half(rig.right), rig.T_right_left)
 
 
 def write_half_pictures(files: Iterable[Path], folder: Path) -> None:
@@ -45,4 +33,5 @@ def write_short_reef(root: Path, frames: range = OVERLAPPING) -> None:
         write_half_pictures(
             sorted((REEF / side).iterdir())[frames.start : frames.stop], root / side
         )
-    native.write(half_size(load_rig(REEF / "cam.yaml")), root / "cam.yaml")
+    rig = load_rig(REEF / "cam.yaml")
+    native.write(resized_rig(rig, (288, 224)), root / "cam.yaml")
