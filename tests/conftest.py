@@ -14,6 +14,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -66,6 +67,7 @@ settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
+GIVEN_POSES = ("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given")
 REAL_DATA = Path(os.environ.get("STEREO_SEECOLOR_DATA", "not/given"))
 """Real frames, which are not in the repository: tests/DATA.md."""
 
@@ -91,6 +93,7 @@ first.
 SLOW_FIXTURES = {
     "sample_run",
     "waters_a_frame",
+    "mapped_by_poses",
     "finished_demo",
     "fused_dive",
     "flown_reef",
@@ -124,10 +127,18 @@ def make_files(root: Path, *names: str) -> Path:
     return root
 
 
+def group_of(item: pytest.Item) -> str:
+    """The name of the group whose tests run in one process."""
+    marker = item.get_closest_marker("xdist_group")
+    assert marker is not None, item.nodeid
+    return str(marker.args[0])
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that use what takes long to make are slow, and share it; those of a file share its
-    own fixtures. Windows leaves out what it cannot do.
+    own fixtures. Of several processes each begins with the groups of many slow tests; those of
+    quick tests fill the time of the one that ends first. Windows leaves out what it cannot do.
     """
     for item in items:
         fixtures = set(getattr(item, "fixturenames", ()))
@@ -136,6 +147,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("xdist_group") is None:
             shared = next((name for name in SHARED_FIXTURES if name in fixtures), item.path.name)
             item.add_marker(pytest.mark.xdist_group(shared))
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        slow = Counter(group_of(item) for item in items if item.get_closest_marker("slow"))
+        items.sort(key=lambda item: -slow[group_of(item)])
     if sys.platform == "win32":
         for item in items:
             if item.get_closest_marker("posix"):
@@ -231,6 +245,15 @@ def waters_a_frame(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFacto
     out = sample_run.copy(tmp_path_factory.mktemp("waters_a_frame") / "out")
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
     code, said = command("run", *sides, "--out", out, "--set", "color.lock=frame")
+    assert code == 0, said
+    return out
+
+
+@pytest.fixture(scope="session")
+def mapped_by_poses(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The output folder of the sample dive with the map by its given poses; to be read only."""
+    out = sample_run.copy(tmp_path_factory.mktemp("mapped_by_poses") / "out")
+    code, said = command("fuse", out, *GIVEN_POSES)
     assert code == 0, said
     return out
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
@@ -25,12 +26,12 @@ Alter = Callable[[int, str, Picture], Picture]
 
 
 def altered(root: Path, alter: Alter) -> tuple[Path, Path]:
-    """The sample dive with each picture altered by its number and side."""
+    """The sample dive in half its size with each picture altered by its number and side."""
+    write_short_reef(root, range(12))
     for side in ("left", "right"):
-        (root / side).mkdir(parents=True)
-        for number, path in enumerate(sorted((REEF / side).iterdir())):
+        for number, path in enumerate(sorted((root / side).iterdir())):
             picture = cv2.imread(str(path))
-            cv2.imwrite(str(root / side / path.name), alter(number, side, picture))
+            cv2.imwrite(str(path), alter(number, side, picture))
     return root / "left", root / "right"
 
 
@@ -85,7 +86,7 @@ def test_dive_commands_and_check_name_what_changes_and_end_with_3(
     alter: Alter, runs: list[list[str]], named: list[str], cli, tmp_path: Path
 ) -> None:
     left, right = altered(tmp_path, alter)
-    words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
+    words = [f"--left={left}", f"--right={right}", f"--calib={left.parent / 'cam.yaml'}"]
     made = [["range", *words, f"--out={tmp_path / 'out'}", *more] for more in runs]
     for command in (["check", *words], *made):  # the second time of frames that are there
         code, printed, said = cli(*command)
@@ -96,9 +97,10 @@ def test_dive_commands_and_check_name_what_changes_and_end_with_3(
 
 @pytest.mark.slow
 def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
-    other = dict(zip(("left", "right"), foreign(), strict=True))
+    small = (cv2.resize(view, None, fx=0.5, fy=0.5) for view in foreign())
+    other = dict(zip(("left", "right"), small, strict=True))
     left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
-    words = [f"--left={left}", f"--right={right}", f"--calib={REEF / 'cam.yaml'}"]
+    words = [f"--left={left}", f"--right={right}", f"--calib={left.parent / 'cam.yaml'}"]
     code, _, said = cli("range", *words, "--out", tmp_path / "out")
     assert code == 3
     assert [name for name in NAMES if f"failed: {name}" in said] == [NAMES[6]]
@@ -127,10 +129,12 @@ def test_exchanged_pairs_are_named_once(swapped: range, tmp_path: Path) -> None:
 def test_an_odd_pair_between_those_that_are_compared_is_found_by_its_numbers(
     tmp_path: Path,
 ) -> None:
-    other = dict(zip(("left", "right"), foreign(), strict=True))
-    left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
+    pairs = list(pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs)
+    other = (tmp_path / "left.png", tmp_path / "right.png")
+    for path, view in zip(other, foreign(), strict=True):
+        cv2.imwrite(str(path), view)
+    pairs[6] = Pair(pairs[6].name, *other)
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-    pairs = pairs_of(left, right, InputConfig()).pairs
     usual = {"coverage": 0.9, "median_range_m": 2.0}
     facts = [usual] * 6 + [{"coverage": 0.5, "median_range_m": 1.2}] + [usual] * 5
     assert odd_among(rectification, pairs, InputConfig(), facts).odd == {NAMES[6]}

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import REEF, Dive
+from conftest import Dive
+from small_dives import write_short_reef
 
 
 @pytest.mark.slow
@@ -39,14 +40,13 @@ def test_images_that_come_twice_are_named(
 @pytest.mark.slow
 def test_frames_of_a_stalled_camera_are_left_out_of_track_and_map(cli, tmp_path: Path) -> None:
     """At the third and fourth of seven."""
+    write_short_reef(tmp_path, range(7))
     for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-        images = sorted((REEF / side).iterdir())[:7]
-        for number, image in enumerate(images):
-            shutil.copy(images[1] if number in (2, 3) else image, tmp_path / side / image.name)
-    words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [
-        f"--calib={REEF / 'cam.yaml'}"
-    ]
+        images = sorted((tmp_path / side).iterdir())
+        for number in (2, 3):
+            shutil.copy(images[1], images[number])
+    words = [f"--left={tmp_path / 'left'}", f"--right={tmp_path / 'right'}"]
+    words.append(f"--calib={tmp_path / 'cam.yaml'}")
     code, printed, _ = cli("run", *words, "--out", tmp_path / "out", "--fuse")
     assert code == 0
     assert "2 frames with an image of the previous frame, the first: reef_1790000002000" in printed

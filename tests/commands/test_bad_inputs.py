@@ -12,12 +12,19 @@ import numpy as np
 import pytest
 import yaml
 from conftest import read_pixels
+from small_dives import write_short_reef
 
 from calibration import CalibrationError
 from calibration.formats import load_rig
 from calibration.verification.matches import Matches
 from calibration.verification.quick_check import QuickCheck
 from stereo_seecolor.checks import rig as rig_checks
+
+
+def sides_of(folder: Path) -> list[str]:
+    """The options that name a short reef (``write_short_reef``)."""
+    names = {"--left": "left", "--right": "right", "--calib": "cam.yaml"}
+    return [word for option, name in names.items() for word in (option, str(folder / name))]
 
 
 @pytest.mark.slow
@@ -363,18 +370,11 @@ def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(
 
 @pytest.mark.slow
 def test_an_inverse_transform_stops_the_run(cli, tmp_path) -> None:
-    reef = Path(__file__).resolve().parents[2] / "data_samples/reef"
-    rig = yaml.safe_load((reef / "cam.yaml").read_text())
+    write_short_reef(tmp_path)
+    rig = yaml.safe_load((tmp_path / "cam.yaml").read_text())
     rig["T_right_left"] = np.linalg.inv(rig["T_right_left"]).tolist()
     (tmp_path / "cam.yaml").write_text(yaml.safe_dump(rig))
-    words = [
-        "--left",
-        str(reef / "left"),
-        "--right",
-        str(reef / "right"),
-        "--calib",
-        str(tmp_path / "cam.yaml"),
-    ]
+    words = sides_of(tmp_path)
     for command in (
         ["run", *words, "--out", str(tmp_path / "out")],
         ["check", *words, "--pairs", "2", "--refine", str(tmp_path / "new.yaml")],
@@ -388,19 +388,14 @@ def test_an_inverse_transform_stops_the_run(cli, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_sides_out_of_step_stop_the_run(cli, tmp_path) -> None:
-    reef = Path(__file__).resolve().parents[2] / "data_samples/reef"
+    write_short_reef(tmp_path, range(0, 6))
     for side, first in (("left", 0), ("right", 1)):
-        (tmp_path / side).mkdir()
-        for number, image in enumerate(sorted((reef / side).iterdir())[first : first + 5]):
-            (tmp_path / side / f"{number:04d}.png").symlink_to(image)
-    words = [
-        "--left",
-        str(tmp_path / "left"),
-        "--right",
-        str(tmp_path / "right"),
-        "--calib",
-        str(reef / "cam.yaml"),
-    ]
+        for number, image in enumerate(sorted((tmp_path / side).iterdir())):
+            if first <= number < first + 5:
+                image.rename(image.with_name(f"{number - first:04d}.png"))
+            else:
+                image.unlink()
+    words = sides_of(tmp_path)
     code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
     assert code == 1
     assert re.search(

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from small_dives import write_short_reef
 from test_inputs_video import smooth_frames, write_video
 from test_neighbors import renumber
 
@@ -220,13 +222,14 @@ def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
 
 @pytest.mark.slow
 def test_folders_that_show_different_scenes_are_no_sides(tmp_path: Path) -> None:
-    reef = Path(__file__).parents[2] / "data_samples" / "reef"
-    for k, name in enumerate(sorted(path.name for path in (reef / "left").iterdir())[:6:3]):
-        (tmp_path / f"scene{k}").mkdir()
+    reef = tmp_path / "reef"
+    write_short_reef(reef, range(0, 4))
+    for k, name in enumerate(sorted(path.name for path in (reef / "left").iterdir())[::3]):
+        (tmp_path / f"dive/scene{k}").mkdir(parents=True)
         for i, side in enumerate(("left", "right")):
-            (tmp_path / f"scene{k}/im{i}.png").write_bytes((reef / side / name).read_bytes())
-    (tmp_path / "cam.yaml").write_bytes((reef / "cam.yaml").read_bytes())
-    found = inspect([tmp_path])
+            shutil.copy(reef / side / name, tmp_path / f"dive/scene{k}/im{i}.png")
+    shutil.copy(reef / "cam.yaml", tmp_path / "dive")
+    found = inspect([tmp_path / "dive"])
     assert any(
         "too little in common to be the two sides: name them yourself" in line
         for line in found.problems

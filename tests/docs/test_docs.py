@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from calibration_boards import photograph_board
+from small_dives import OVERLAPPING, write_half_pictures, write_short_reef
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.config.file import RENAMED, known_keys
@@ -22,10 +23,8 @@ PAGES = sorted([*DOCS.glob("*.md"), *(DOCS / "lab").glob("*.md")])
 TEXTS = [*PAGES, *(path for path in sorted(ROOT.glob("*.md")) if path.name != "CHANGELOG.md")]
 """What holds of the program as it is; the changelog names what is gone."""
 DIVE = Path("data_samples/reef")
-FRAMES = range(4, 8)
-"""The frames of the sample dive where its two lines overlap: enough for everything, and half the
-time.
-"""
+FRAMES = OVERLAPPING
+"""Enough for everything, and a third of the time."""
 
 AIR = "air.yaml"
 FINISHED = (0, None)
@@ -55,13 +54,12 @@ def runnable(path: Path) -> list[tuple[str, str]]:
 
 
 def short_dive(root: Path) -> None:
-    """A folder that looks like a checkout, with a shorter sample dive in it."""
-    for folder in ("left", "right", "truth/range", "truth/color", "truth/visible"):
-        target = root / DIVE / folder
-        target.mkdir(parents=True)
-        for path in sorted((ROOT / DIVE / folder).iterdir())[FRAMES.start : FRAMES.stop]:
-            shutil.copy(path, target)
-    for file in ("cam.yaml", "trajectory.tum", "truth/water.json", "truth/surface.npz"):
+    """A folder that looks like a checkout, with a shorter sample dive in it, in small pictures."""
+    write_short_reef(root / DIVE, FRAMES)
+    for kind in ("range", "color", "visible"):
+        files = sorted((ROOT / DIVE / "truth" / kind).iterdir())[FRAMES.start : FRAMES.stop]
+        write_half_pictures(files, root / DIVE / "truth" / kind)
+    for file in ("trajectory.tum", "truth/water.json", "truth/surface.npz"):
         shutil.copy(ROOT / DIVE / file, root / DIVE / file)
 
 

@@ -16,8 +16,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from conftest import REEF, Cli, SampleRun
+from conftest import Cli
 from mapping_scene import PAIR
+from small_dives import write_short_reef
 
 from calibration import CalibrationError
 from calibration import plugins as everywhere
@@ -144,7 +145,7 @@ def program(environment: dict[str, str], *words: str | Path) -> tuple[int, str, 
 
 @pytest.mark.slow
 def test_a_command_of_another_package_is_in_the_help_and_runs(
-    installed: dict[str, str], sample_run: SampleRun
+    installed: dict[str, str], fused_dive: Path
 ) -> None:
     code, printed, said = program(installed, "--help")
     assert code == 0
@@ -153,7 +154,7 @@ def test_a_command_of_another_package_is_in_the_help_and_runs(
     assert said.startswith(
         "lost: the package reef-notes, which adds it to stereo_seecolor.commands, cannot be loaded"
     )
-    assert program(installed, "note", sample_run.out) == (0, f"noted {sample_run.out.name}\n", "")
+    assert program(installed, "note", fused_dive / "out") == (0, "noted out\n", "")
     code, _, said = program(installed, "lost")
     assert code == 1
     assert "cannot be loaded" in said and "Traceback" not in said
@@ -161,16 +162,16 @@ def test_a_command_of_another_package_is_in_the_help_and_runs(
 
 @pytest.mark.slow
 def test_an_export_format_of_another_package_is_written(
-    installed: dict[str, str], sample_run: SampleRun, tmp_path: Path
+    installed: dict[str, str], fused_dive: Path, tmp_path: Path
 ) -> None:
     code, printed, _ = program(installed, "export", "--list")
     assert code == 0
     assert "names        the names of the frames: any editor" in printed.splitlines()
     code, _, said = program(
-        installed, "export", sample_run.out, "--to", "names", "--out", tmp_path / "names"
+        installed, "export", fused_dive / "out", "--to", "names", "--out", tmp_path / "names"
     )
     assert (code, said) == (0, "")
-    assert (tmp_path / "names" / "names.txt").read_text().split()[0] == "reef_1790000000000"
+    assert (tmp_path / "names" / "names.txt").read_text().split()[0] == "0000"
 
 
 def said_by(installed: dict[str, str], code: str, path: Path) -> str:
@@ -207,15 +208,15 @@ def test_a_calibration_format_of_another_package_is_read(
 
 @pytest.mark.slow
 def test_an_engine_of_another_package_fuses_the_map(
-    installed: dict[str, str], sample_run: SampleRun, tmp_path: Path
+    installed: dict[str, str], fused_dive: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    shutil.copytree(sample_run.out, out)
-    code, _, said = program(installed, "fuse", out, "--set", "mapping.engine=raised")
-    assert code == 0, said
+    out = shutil.copytree(fused_dive / "out", tmp_path / "out")
+    words = ("fuse", out, "--poses", fused_dive / "poses.tum")
+    code, _, said = program(installed, *words, "--set", "mapping.engine=raised")
+    assert code == 3 and "poses" in said, said  # they are not those of the pictures
     assert json.loads((out / "map/map.json").read_text())["engine"] == "raised"
     raised, ours = (
-        read_vertices(folder / "map/cloud.ply")["position"] for folder in (out, sample_run.out)
+        read_vertices(folder / "map/cloud.ply")["position"] for folder in (out, fused_dive / "out")
     )
     np.testing.assert_allclose(raised - ours, np.broadcast_to([0, 0, 1], ours.shape), atol=1e-5)
 
@@ -224,19 +225,12 @@ def test_an_engine_of_another_package_fuses_the_map(
 def test_a_matching_engine_of_another_package_gives_the_ranges(
     installed: dict[str, str], tmp_path: Path
 ) -> None:
+    write_short_reef(tmp_path)
+    sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
     out = tmp_path / "out"
-    sides = (
-        "--left",
-        REEF / "left",
-        "--right",
-        REEF / "right",
-        "--calib",
-        REEF / "cam.yaml",
-        "--out",
-        out,
-    )
+    rest = ("--calib", tmp_path / "cam.yaml", "--out", out, "--progress", "none")
     settings = ("--set", "matching.engine=level", "--set", "matching.min_confidence=0")
-    code, _, said = program(installed, "run", *sides, *settings, "--progress", "none")
+    code, _, said = program(installed, "run", *sides, *rest, *settings)
     assert code == 0, said
     run = open_run(out)
     range_m = run.frames[0].read("range")
@@ -293,10 +287,9 @@ def test_an_engine_that_no_package_adds_is_refused_with_those_that_are_known(
 
 
 def test_a_run_made_with_an_engine_that_is_not_installed_here_is_still_read(
-    sample_run: SampleRun, tmp_path: Path
+    fused_dive: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    shutil.copytree(sample_run.out, out)
+    out = shutil.copytree(fused_dive / "out", tmp_path / "out")
     text = (out / "run.json").read_text()
     (out / "run.json").write_text(text.replace('"engine": "tiles"', '"engine": "voxblox"'))
     assert open_run(out).config.mapping.engine == "voxblox"
@@ -338,16 +331,10 @@ def test_a_run_with_a_map_loads_no_extra_and_all_that_the_base_installs(tmp_path
     code += "try: main()\nexcept SystemExit as end: print(end.code)\n"
     code += "print([name for name in sys.modules if name.startswith('stereo_seecolor.extras')])\n"
     code += "print(*(name for name in sys.modules if '.' not in name))"
-    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
-    words = (
-        "run",
-        *map(str, sides),
-        "--out",
-        str(tmp_path / "out"),
-        "--fuse",
-        "--progress",
-        "none",
-    )
+    write_short_reef(tmp_path)
+    sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
+    rest = ("--calib", tmp_path / "cam.yaml", "--out", tmp_path / "out", "--progress", "none")
+    words = ("run", *map(str, (*sides, *rest)), "--fuse")
     ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert ended.stdout.splitlines()[-3:-1] == ["0", "[]"], ended.stderr
     loaded = set(ended.stdout.splitlines()[-1].split())

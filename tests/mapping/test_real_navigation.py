@@ -10,13 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from small_dives import write_half_pictures
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
-from calibration import Camera, StereoRig
 from calibration.formats import load_rig, native
+from calibration.resizing import resized_rig
 from calibration.verification.conventions import resolve_convention
 from stereo_seecolor.checks.sample import read_both
 from stereo_seecolor.commands.run import run
@@ -65,24 +65,13 @@ def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
     data = real_data / "acfr"
     folder = tmp_path_factory.mktemp("reef")
     for side in ("left", "right"):
-        (folder / side).mkdir()
-        for image in sorted((data / side).iterdir())[:PAIRS]:
-            small = cv2.resize(
-                cv2.imread(str(image), cv2.IMREAD_UNCHANGED),
-                None,
-                fx=0.5,
-                fy=0.5,
-                interpolation=cv2.INTER_AREA,
-            )
-            cv2.imwrite(str(folder / side / image.name), small)
+        write_half_pictures(sorted((data / side).iterdir())[:PAIRS], folder / side)
     first = [
         read_both(pair, InputConfig())
         for pair in pair_folders(data / "left", data / "right", InputConfig()).pairs[:1]
     ]
-    native.write(
-        half_size(resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)),
-        folder / "cam.yaml",
-    )
+    rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)
+    native.write(resized_rig(rig, (680, 512)), folder / "cam.yaml")
     settings = {
         "input": {"refine": True},
         "output": {"preset": "no-clouds"},
@@ -102,18 +91,6 @@ def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
         tuple(survey.index.names), read.timestamps_s[chosen], read.T_world_camera[chosen]
     )
     return RealDive(survey, odometry.follow(survey), published)
-
-
-def half_size(rig: StereoRig) -> StereoRig:
-    """The rig of pictures of half the size: a pixel's center is at a whole number."""
-
-    def half(camera: Camera) -> Camera:
-        K = camera.K.copy()
-        K[:2] /= 2
-        K[:2, 2] -= 0.25
-        return Camera(K, camera.distortion, (camera.image_size[0] // 2, camera.image_size[1] // 2))
-
-    return StereoRig(half(rig.left), half(rig.right), rig.T_right_left)
 
 
 def test_the_published_poses_fit(dive: RealDive) -> None:

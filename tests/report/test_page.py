@@ -294,11 +294,9 @@ def test_the_page_takes_at_most_15_percent_of_a_lean_folder_and_images_of_the_ma
 ) -> None:
     out = sample_run.copy(tmp_path / "out")
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
-    code, said = command("run", *sides, "--out", out, "--set", "output.preset=lean")
+    lean = ("--set", "output.preset=lean", "--fuse")
+    code, said = command("run", *sides, "--out", out, *lean)
     assert code == 0, said
-    code, said = command("fuse", out)
-    assert code == 0, said
-    report(out)
     shutil.rmtree(out / "clouds", ignore_errors=True)  # of the run before, with other settings
     assert (out / "page/map/map.js").is_file()
 

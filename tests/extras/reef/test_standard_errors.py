@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SampleRun
 
-from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import range_maps
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,11 +31,10 @@ def test_lengths_and_areas_lie_within_their_standard_errors(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_heights_structure_and_mounds_lie_within_their_standard_errors(
-    sample_run: SampleRun, tmp_path: Path
+    mapped_by_poses: Path,
 ) -> None:
-    out, rng = sample_run.copy(tmp_path / "out"), np.random.default_rng(1)
-    fuse(out, REEF / "trajectory.tum")  # the truth is in the coordinates of the given poses
-    at = BENCHMARK["mapped"](REEF, out)
+    rng = np.random.default_rng(1)
+    at = BENCHMARK["mapped"](REEF, mapped_by_poses)  # in the coordinates of the truth
     found = {
         **BENCHMARK["heights"](at, 20, rng),
         **BENCHMARK["structures"](at, 30, rng),

@@ -86,8 +86,8 @@ def products_in_order(out: Path) -> list[bytes]:
     return [content for path, content in sorted(contents(out).items()) if "/" in path]
 
 
-def run_as_folders_and_bags(
-    left: list[Path], right: list[Path], calib: Path, formats: tuple[str, ...], cli, tmp_path: Path
+def run_as_folders_and_bag(
+    left: list[Path], right: list[Path], calib: Path, suffix: str, cli, tmp_path: Path
 ) -> None:
     for side, images in (("L", left), ("R", right)):
         (tmp_path / side).mkdir()
@@ -108,33 +108,26 @@ def run_as_folders_and_bags(
         == 0
     )
     name_by_stamps(tmp_path)
-    for suffix in formats:
-        bag = write_bag(tmp_path / f"dive{suffix}", dive_messages(tmp_path))
-        code, _, said = cli(
-            "run", "--bag", bag, "--calib", calib, "--out", tmp_path / suffix.strip(".")
-        )
-        assert code == 0, said
-        assert products_in_order(tmp_path / suffix.strip(".")) == products_in_order(
-            tmp_path / "folders"
-        )
+    bag = write_bag(tmp_path / f"dive{suffix}", dive_messages(tmp_path))
+    code, _, said = cli("run", "--bag", bag, "--calib", calib, "--out", tmp_path / "bag")
+    assert code == 0, said
+    assert products_in_order(tmp_path / "bag") == products_in_order(tmp_path / "folders")
 
 
 @pytest.mark.slow
 def test_the_sample_dive_in_a_bag(cli, tmp_path) -> None:
-    left, right = (sorted((REEF / side).glob("*.png"))[::2] for side in ("left", "right"))
-    run_as_folders_and_bags(left, right, REEF / "cam.yaml", (".mcap",), cli, tmp_path)
+    left, right = (sorted((REEF / side).glob("*.png"))[::6] for side in ("left", "right"))
+    run_as_folders_and_bag(left, right, REEF / "cam.yaml", ".mcap", cli, tmp_path)
 
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_a_real_dive_in_bags(real_data: Path, cli, tmp_path) -> None:
-    """Color left, gray right."""
+def test_a_real_dive_in_a_bag(real_data: Path, cli, tmp_path) -> None:
+    """Color left, gray right. Other formats give the same pixels, as tests of each say."""
     left, right = (
         sorted((real_data / "acfr" / side).glob("*.png"))[:1] for side in ("left", "right")
     )
-    run_as_folders_and_bags(
-        left, right, real_data / "acfr/stereo_calib.mat", FORMATS, cli, tmp_path
-    )
+    run_as_folders_and_bag(left, right, real_data / "acfr/stereo_calib.mat", ".bag", cli, tmp_path)
 
 
 @pytest.mark.slow

@@ -69,7 +69,7 @@ def test_the_page_shows_what_arrives(
     assert not complaints
 
 
-def _until(found, seconds: float = 30.0) -> None:
+def _until(found, seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not found():
         assert time.monotonic() < end
