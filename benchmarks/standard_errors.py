@@ -286,7 +286,8 @@ def compared(z: Scores, name: str, found: Measured, true: Measured) -> None:
 def structures(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
     """The metrics of the whole site, and of random squares of it, each as a site of its own."""
     z: Scores = defaultdict(list)
-    cells, cell_m = resolved_cells(at.terrain, at.errors), at.terrain.grid.cell_m
+    cell_m = at.terrain.grid.cell_m
+    cells = resolved_cells(at.errors.correlation_m, cell_m)
     whole = tuple(slice(0, size) for size in at.terrain.grid.shape)
     judge(z, at, cells, (whole[0], whole[1]), "sites")
     while len(z["rugosity_area of squares"]) < samples:
