@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.extras.reef.colony import RIM_CELLS, Colony, measure_outlines
+from stereo_seecolor.extras.reef.colony import Colony, measure_outlines
 from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.cover import cover
+from stereo_seecolor.extras.reef.ground_volume import RIM_CELLS
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,

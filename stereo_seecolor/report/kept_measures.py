@@ -1,5 +1,5 @@
-"""What was measured on the page, and its random points, kept beside it: OUT/measures.json, which the page saves, and
-which is a user's own file.
+"""What was measured on the page, and its random points, kept beside it: OUT/measures.json, which
+the page saves, and which is a user's own file.
 """
 
 from dataclasses import dataclass

@@ -875,6 +875,8 @@ def test_measures_on_the_map_are_those_of_the_command_line(
             assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
             assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
             assert (mine.get("volume_l") or 0) == pytest.approx(theirs.volume_l or 0, abs=0.01)
+            std_l = theirs.volume_std_l or 0
+            assert (mine.get("volume_std_l") or 0) == pytest.approx(std_l, rel=0.01)
 
 
 @pytest.mark.slow
