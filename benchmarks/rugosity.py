@@ -169,7 +169,7 @@ def compared(
     frames = DrawnFrames(number, seed)
     for cell_m in cells_m:
         _, terrain, errors, T_world_map = mapped(folder, frames, cell_m, own_track)
-        cells = resolved_cells(terrain, errors)
+        cells = resolved_cells(errors.correlation_m, terrain.grid.cell_m)
         true_m = truth(terrain, frames.reef, T_world_map).averaged(cells).height_m
         for found in structure(terrain, errors):
             yield (

@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.extras.reef.colony import RIM_CELLS, Colony, measure_outlines
+from stereo_seecolor.extras.reef.colony import Colony, measure_outlines
 from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.cover import cover
+from stereo_seecolor.extras.reef.ground_volume import RIM_CELLS
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,
@@ -286,7 +287,8 @@ def compared(z: Scores, name: str, found: Measured, true: Measured) -> None:
 def structures(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
     """The metrics of the whole site, and of random squares of it, each as a site of its own."""
     z: Scores = defaultdict(list)
-    cells, cell_m = resolved_cells(at.terrain, at.errors), at.terrain.grid.cell_m
+    cell_m = at.terrain.grid.cell_m
+    cells = resolved_cells(at.errors.correlation_m, cell_m)
     whole = tuple(slice(0, size) for size in at.terrain.grid.shape)
     judge(z, at, cells, (whole[0], whole[1]), "sites")
     while len(z["rugosity_area of squares"]) < samples:

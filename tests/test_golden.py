@@ -36,9 +36,9 @@ from golden_numbers import (
 )
 from small_dives import write_half_pictures
 
-from calibration.field_checks.conventions import resolve_convention
 from calibration.formats import load_rig, native
 from calibration.resizing import resized_rig
+from calibration.verification.conventions import resolve_convention
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"

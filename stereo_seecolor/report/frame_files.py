@@ -133,7 +133,7 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
         "height": range_m.shape[0],
         "width": range_m.shape[1],
         "step_per_m": ranges.step_per_m,
-        "ranges": text(deflated(ranges.planes)),
+        "ranges": text(deflated(ranges.packed)),
         "known": text(deflated(np.packbits(ranges.known))),
         "std": text(deflated(std_codes(std_m))),
         "confidence": text(deflated(_rounded(confidence[every]))),

@@ -1,5 +1,5 @@
-"""What was measured on the page and kept beside it: OUT/measures.json, which the page saves, and
-which is a user's own file.
+"""What was measured on the page, and its random points, kept beside it: OUT/measures.json, which
+the page saves, and which is a user's own file.
 """
 
 from dataclasses import dataclass
@@ -34,15 +34,35 @@ class KeptMeasure:
 
 
 @dataclass(frozen=True)
+class KeptPoint:
+    """A random point of the map. label: "" where it has none yet. spot_m: in the map's own
+    coordinates.
+    """
+
+    spot_m: tuple[float, float]
+    label: str
+
+
+@dataclass(frozen=True)
+class KeptPoints:
+    """The random points of the map. changed_ms: when one was labelled last, since 1970."""
+
+    changed_ms: float
+    points: list[KeptPoint]
+
+
+@dataclass(frozen=True)
 class KeptMeasures:
     """The content of such a file. dive: identifies the dive. offset_m: of the map's own coordinates
-    in the world. content: the measures with all that the page knows of them.
+    in the world. content: the measures with all that the page knows of them. cover: the random
+    points, None in a file of an earlier page.
     """
 
     dive: str
     offset_m: tuple[float, float, float]
     measures: list[KeptMeasure]
     content: list[dict[str, Any]]
+    cover: KeptPoints | None = None
 
 
 def read_kept_measures(path: Path) -> KeptMeasures:

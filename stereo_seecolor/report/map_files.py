@@ -19,6 +19,7 @@ from stereo_seecolor.report.height_code import height_std_m, height_tiles
 from stereo_seecolor.report.map_gaps import fits, gap_tiles, packed_reasons, reasons
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, box
+from stereo_seecolor.report.map_sides import packed_sides
 from stereo_seecolor.report.mesh_levels import Level, MeshSource, Place, levels
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
@@ -30,7 +31,7 @@ from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TER
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "8"
+FORMAT = "9"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.
@@ -124,19 +125,17 @@ class _MapFiles:
             "preview": f"{MAP}/orthomosaic_preview.png",
         }
         about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])
-        yield from self._mesh(about)
+        path = self.made.folder / MESH
+        mesh = MeshSource.open(path) if path.is_file() else None
+        if mesh is not None and len(mesh.triangles):
+            yield from self._mesh(about, mesh)
         if self.has_mosaic and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
             about["mosaic"], tiles = mosaic
             yield from ((f"mosaic/{name}", content) for name, content in tiles)
-        yield from self._terrain(about)
+        yield from self._terrain(about, mesh)
         yield "map.js", script("map", about)
 
-    def _mesh(self, about: dict[str, Any]) -> Files:
-        if not (self.made.folder / MESH).is_file():
-            return
-        source = MeshSource.open(self.made.folder / MESH)
-        if not len(source.triangles):
-            return
+    def _mesh(self, about: dict[str, Any], source: MeshSource) -> Files:
         voxel_m, made = self.made.cell_m["voxel_m"], list[Level]()
         with tempfile.TemporaryDirectory() as folder:  # gigabytes, for a map of thousands of frames
             for level in levels(source, voxel_m, Path(folder)):
@@ -179,17 +178,20 @@ class _MapFiles:
         raw = script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
         return [(f"{name}.js", packed), (f"{name}_raw.js", raw)]
 
-    def _terrain(self, about: dict[str, Any]) -> Files:
+    def _terrain(self, about: dict[str, Any], mesh: MeshSource | None) -> Files:
         terrain = self.terrain
         if terrain is None:
             return
         width, height = terrain.about["width"], terrain.about["height"]
         correlation_m = self.posed.correlation_m if self.posed else 0.0
+        std_m = self.std_m if np.isfinite(self.std_m) else 0.0
         tiles = []
         for name, window, content in height_tiles(width, height, terrain.heights_m):
             tiles.append(name)
             if self.has_gaps:
                 content |= packed_reasons(reasons(self.made.folder / GAPS, window))
+            if mesh is not None:
+                content |= packed_sides(terrain, window, mesh, self.made.offset_m, std_m)
             yield f"heights/{name}.js", script("heights", name, content)
         if self.has_gaps:
             about["gaps"] = _place_of(terrain.about)
@@ -198,7 +200,7 @@ class _MapFiles:
         about["terrain"] = {
             **terrain.about,
             "tiles": tiles,
-            "std_m": self.std_m if np.isfinite(self.std_m) else 0.0,
+            "std_m": std_m,
             "correlation_m": correlation_m if np.isfinite(correlation_m) else 0.0,
         }
         yield from ((f"terrain/{name}", content) for name, content in terrain.colored())

@@ -17,19 +17,11 @@ from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import flat
 from stereo_seecolor.errors import ColorError, InputError
-from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.structure import (
-    EDGES_M,
-    StructureAtScale,
-    resolved_cells,
-    structure,
-)
-from stereo_seecolor.mapping.raster.structure import squares_of as squares_of_edges
+from stereo_seecolor.mapping.raster.structure import EDGES_M, StructureAtScale
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.squares import FILE, Squares, squares_of
-from stereo_seecolor.report.terrain_errors import terrain_errors
+from stereo_seecolor.report.terrain_roughness import TerrainRoughness, terrain_roughness
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedRun
@@ -121,56 +113,45 @@ class DiveFacts(RowFacts):
         return range_m / geometry.focal_px if range_m is not None and geometry is not None else None
 
     @cached_property
-    def terrain(self) -> tuple[Terrain, TerrainErrors] | None:
-        """The map's terrain, in the map's own coordinates, with its errors; None without one, or
-        with one that cannot be read.
+    def roughness(self) -> TerrainRoughness | None:
+        """The roughness of the map's terrain without noise; None without a terrain, or with one
+        that cannot be read.
         """
         made, posed = self.map, self.posed
         if made is None or posed is None or not made.area_m2:
             return None
         path = made.folder / TERRAIN
+        edges_m = [edge_m for edge_m in EDGES_M if edge_m <= STATED_EDGE_M]
+        square_m, frames = made.cell_m["metrics_m"], posed.survey
         try:
             images = TerrainImages.open(path) if path.is_file() else None
             if images is None:
                 return None
-            about = images.about
-            height_m = images.heights_m((0, 0, about["width"], about["height"])).astype(np.float64)
+            return terrain_roughness(posed, frames, images, square_m, edges_m)
         except InputError:
             return None  # named with the page's other parts
-        east_m, north_m, up_m = posed.offset_m
-        west_m, cell_m = about["west_m"] - east_m, about["pixel_m"]
-        grid = Grid(west_m, about["north_m"] - north_m, cell_m, height_m.shape)
-        no_color = np.broadcast_to(np.float32(np.nan), (*height_m.shape, 3))
-        terrain = Terrain(grid, height_m - up_m, no_color)
-        return terrain, terrain_errors(posed, terrain)
 
     @cached_property
     def squares(self) -> Squares | None:
         """The metrics of the map's squares without noise; None without a terrain. Raises InputError
         if their table is damaged.
         """
-        made = self.map
-        path = made.folder / FILE if made else None
-        if made is None or path is None or not path.is_file() or self.terrain is None:
+        path = self.map.folder / FILE if self.map else None
+        if path is None or not path.is_file() or self.roughness is None:
             return None
         try:
-            return squares_of(path.read_bytes(), *self.terrain, made.cell_m["metrics_m"])
+            return squares_of(path.read_bytes(), self.roughness.scale_m, self.roughness.squares)
         except (OSError, ValueError, KeyError, IndexError) as error:
             raise InputError(
                 f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"
             ) from error
 
-    @cached_property
+    @property
     def structure(self) -> StructureAtScale | None:
         """The structure of the map's squares of 1 m, or of the largest ones below that it holds,
         as ``metrics`` states it; None without any.
         """
-        if self.terrain is None:
-            return None
-        terrain, errors = self.terrain
-        coarse = terrain.averaged(resolved_cells(terrain, errors))
-        held = squares_of_edges(coarse, [edge_m for edge_m in EDGES_M if edge_m <= STATED_EDGE_M])
-        return structure(terrain, errors, [max(held)])[0] if held else None
+        return self.roughness.structure if self.roughness else None
 
 
 def _waters(run: FinishedRun) -> Mapping[str, Water]:

@@ -82,7 +82,7 @@ def write_page(
         replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
     )
     left_out |= write_map_files(folder, facts, with_raw=not brief)
-    kept, problem = _kept_measures(run)
+    kept, problem = _kept_on_page(run)
     left_out |= problem
     files = {
         f"{PAGE}/{name}": (STATIC / name).read_bytes()
@@ -90,25 +90,27 @@ def write_page(
         if (STATIC / name).is_file()
     }
     files |= {
-        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | {"measures": kept}),
+        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | kept),
         INDEX: render(facts, shown, kept_charts(folder)),
     }
     folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
     return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
 
 
-def _kept_measures(run: FinishedRun) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """What was measured on an earlier page and lies in OUT; and why it cannot be used, by file."""
+def _kept_on_page(run: FinishedRun) -> tuple[dict[str, Any], dict[str, str]]:
+    """What was measured on an earlier page, and its random points, as they lie in OUT; and why they
+    cannot be used, by file.
+    """
     path, dive = run.root / MEASURES, _dive_id(run)
     if not path.exists():
-        return [], {}
+        return {}, {}
     try:
         kept = read_kept_measures(path)
     except InputError as error:
-        return [], {MEASURES: str(error)}
+        return {}, {MEASURES: str(error)}
     if kept.dive != dive:
-        return [], {MEASURES: f"{path}: holds measures of another dive"}
-    return kept.content, {}
+        return {}, {MEASURES: f"{path}: holds measures of another dive"}
+    return {"measures": kept.content, "cover": kept.cover and asdict(kept.cover)}, {}
 
 
 def _dive_id(run: FinishedRun) -> str:

@@ -8,6 +8,7 @@ mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40). At rims all vi
 which height_stds of mapping/raster/noise.py adds.
 """
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 Array = NDArray[np.float64]
 
@@ -46,86 +48,141 @@ def terrain_errors(
     Raises InputError if the run cannot be read; a frame whose files are gone is left out.
     """
     T = np.eye(4) if T_terrain_map is None else T_terrain_map
-    frames, sums = posed.survey, _Sums(terrain, posed.geometry, posed.voxel_m)
+    shape = terrain.grid.shape
+    weight, square, mean = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    views, footprints_m = np.zeros(shape, np.int32), list[float]()
+    heights = terrain.height_m
+    for view in views_of(posed, posed.survey, terrain.grid, lambda window: heights[window], T):
+        weight[view.window] += view.weight
+        mean[view.window] += view.weight * view.off_m
+        square[view.window] += view.weight * view.off_m**2
+        views[view.window] += view.seen
+        if view.seen.any():
+            footprints_m.append(view.footprint_m)
+    known = views > 0
+    spread = np.maximum(square - mean**2 / np.where(known, weight, 1), 0)
+    birge = np.maximum(spread / np.maximum(views - 1, 1), 1)
+    noise_m = noise_of(weight, terrain.known)
+    return TerrainErrors(
+        noise_m * np.sqrt(birge), noise_m, views, correlation_of(footprints_m, terrain.grid)
+    )
+
+
+def noise_of(weight: Array, known: NDArray[np.bool_]) -> Array:
+    """(H, W) standard errors of heights by those of the ranges, from the summed weights of views
+    (H, W); NaN where no view is, and where the height is not known (H, W).
+    """
+    seen = known & (weight > 0)
+    return np.where(seen, 1 / np.sqrt(np.where(seen, weight, 1)), np.nan)
+
+
+def correlation_of(footprints_m: Sequence[float], grid: Grid) -> float:
+    """The distance over which errors of heights are alike, meters, from footprints of views."""
+    return MATCH_PX * (float(np.median(footprints_m)) if footprints_m else grid.cell_m)
+
+
+@dataclass(frozen=True, eq=False)
+class CellsSeen:
+    """What a frame sees of a terrain: a window of it, and for each cell whether it is seen, the
+    weight of the view (1 / variance of the height) and by how much the height is off, meters; 0
+    where it is not seen. footprint_m: of a pixel, NaN where nothing is seen.
+    """
+
+    window: tuple[slice, slice]
+    seen: NDArray[np.bool_]
+    weight: Array
+    off_m: Array
+    footprint_m: float
+
+
+def views_of(
+    posed: PosedRun,
+    frames: SurveyFrames,
+    grid: Grid,
+    heights_of: Callable[[tuple[slice, slice]], Array],
+    T_terrain_map: Array,
+) -> Iterator[CellsSeen]:
+    """What each frame of a map sees of a terrain, one after the other; a frame whose files are gone
+    is left out. heights_of: a window of the grid -> its heights.
+    """
     for number, T_map_camera in enumerate(posed.T_map_camera):
         try:
-            sums.add(frames[number], T @ T_map_camera)
+            frame = frames[number]
         except FrameError:
             continue
-    return sums.errors()
+        T = T_terrain_map @ T_map_camera
+        window = _window(frame, grid, T, posed.geometry)
+        if window is not None:
+            wider, inner = _with_neighbors(window, grid.shape)
+            points, slopes = _points_and_slopes(grid, wider, heights_of(wider))
+            yield _view(frame, posed, T, window, points[inner], slopes[(slice(None), *inner)])
 
 
-class _Sums:
-    """Weights, residuals and views of each cell, summed over frames."""
-
-    def __init__(self, terrain: Terrain, geometry: RectifiedPair, voxel_m: float) -> None:
-        self._terrain, self._geometry, self._voxel_m = terrain, geometry, voxel_m
-        self._slopes = np.nan_to_num(terrain.slopes)
-        self._points = terrain.points_m
-        self._weight, self._square = np.zeros(terrain.grid.shape), np.zeros(terrain.grid.shape)
-        self._mean = np.zeros(terrain.grid.shape)
-        self._views = np.zeros(terrain.grid.shape, np.int32)
-        self._footprints_m: list[float] = []
-
-    def add(self, frame: SurveyFrame, T_terrain_camera: Array) -> None:
-        """One more frame."""
-        window = self._window(frame, T_terrain_camera)
-        if window is None:
-            return
-        points = self._points[window]
-        range_m, std_m = (
-            _sampled(values, points, T_terrain_camera, self._geometry)
-            for values in (frame.range_m, frame.range_std_m)
+def _view(
+    frame: SurveyFrame,
+    posed: PosedRun,
+    T: Array,
+    window: tuple[slice, slice],
+    points: Array,
+    slopes: Array,
+) -> CellsSeen:
+    range_m, std_m = (
+        _sampled(values, points, T, posed.geometry) for values in (frame.range_m, frame.range_std_m)
+    )
+    offset = points - T[:3, 3]
+    distance = np.linalg.norm(offset, axis=-1)
+    ray = offset / distance[..., None]
+    east, north = np.nan_to_num(slopes)
+    lever = np.maximum(np.abs(ray[..., 2] - east * ray[..., 0] - north * ray[..., 1]), 0.05)
+    with np.errstate(invalid="ignore"):
+        off = range_m - distance
+        seen = np.abs(off) < np.maximum(
+            SETTINGS.gate_sigmas * std_m, SETTINGS.gate_voxels * posed.voxel_m
         )
-        offset = points - T_terrain_camera[:3, 3]
-        distance = np.linalg.norm(offset, axis=-1)
-        ray = offset / distance[..., None]
-        east, north = self._slopes[(slice(None), *window)]
-        lever = np.maximum(np.abs(ray[..., 2] - east * ray[..., 0] - north * ray[..., 1]), 0.05)
-        with np.errstate(invalid="ignore"):
-            off = range_m - distance
-            seen = np.abs(off) < np.maximum(
-                SETTINGS.gate_sigmas * std_m, SETTINGS.gate_voxels * self._voxel_m
-            )
-        seen &= std_m > 0
-        weight = np.where(seen, 1 / np.where(seen, std_m * lever, 1) ** 2, 0)
-        height_off = np.where(seen, off * lever, 0)
-        self._weight[window] += weight
-        self._mean[window] += weight * height_off
-        self._square[window] += weight * height_off**2
-        self._views[window] += seen
-        if seen.any():
-            self._footprints_m.append(float(np.median(distance[seen])) / self._geometry.focal_px)
+    seen &= std_m > 0
+    weight = np.where(seen, 1 / np.where(seen, std_m * lever, 1) ** 2, 0)
+    footprint_m = (
+        float(np.median(distance[seen])) / posed.geometry.focal_px if seen.any() else float("nan")
+    )
+    return CellsSeen(window, seen, weight, np.where(seen, off * lever, 0), footprint_m)
 
-    def errors(self) -> TerrainErrors:
-        """What the frames together say."""
-        known = self._views > 0
-        weight = np.where(known, self._weight, 1)
-        spread = np.maximum(self._square - self._mean**2 / weight, 0)
-        birge = np.maximum(spread / np.maximum(self._views - 1, 1), 1)
-        noise_m = np.where(known & self._terrain.known, 1 / np.sqrt(weight), np.nan)
-        footprint = (
-            float(np.median(self._footprints_m))
-            if self._footprints_m
-            else self._terrain.grid.cell_m
-        )
-        return TerrainErrors(noise_m * np.sqrt(birge), noise_m, self._views, MATCH_PX * footprint)
 
-    def _window(self, frame: SurveyFrame, T: Array) -> tuple[slice, slice] | None:
-        """The cells that a frame can see."""
-        step = SETTINGS.reach_step_px
-        range_m = frame.range_m[::step, ::step]
-        known = np.isfinite(range_m)
-        if not known.any():
-            return None
-        points = transform_points(
-            T, self._geometry.rays[::step, ::step][known] * range_m[known, None]
-        )
-        return _covered(
-            self._terrain.grid,
-            points,
-            margin_m=step * float(range_m[known].max()) / self._geometry.focal_px,
-        )
+def _with_neighbors(
+    window: tuple[slice, slice], shape: tuple[int, int]
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """A window with the cells around it, and where it lies therein."""
+    wider = [
+        slice(max(w.start - 1, 0), min(w.stop + 1, n)) for w, n in zip(window, shape, strict=True)
+    ]
+    inner = [
+        slice(w.start - around.start, w.stop - around.start)
+        for w, around in zip(window, wider, strict=True)
+    ]
+    return (wider[0], wider[1]), (inner[0], inner[1])
+
+
+def _points_and_slopes(
+    grid: Grid, window: tuple[slice, slice], height_m: Array
+) -> tuple[Array, Array]:
+    """(h, w, 3) centers of the cells of a window on the surface, and (2, h, w) its rise to the east
+    and to the north.
+    """
+    rows, columns = np.gradient(height_m, grid.cell_m)
+    return np.stack([*grid.centers(*window), height_m], axis=-1), np.stack([columns, -rows])
+
+
+def _window(
+    frame: SurveyFrame, grid: Grid, T: Array, geometry: RectifiedPair
+) -> tuple[slice, slice] | None:
+    """The cells that a frame can see."""
+    step = SETTINGS.reach_step_px
+    range_m = frame.range_m[::step, ::step]
+    known = np.isfinite(range_m)
+    if not known.any():
+        return None
+    points = transform_points(T, geometry.rays[::step, ::step][known] * range_m[known, None])
+    margin_m = step * float(range_m[known].max()) / geometry.focal_px
+    return _covered(grid, points, margin_m)
 
 
 def _covered(grid: Grid, points: Array, margin_m: float) -> tuple[slice, slice] | None:

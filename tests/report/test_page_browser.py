@@ -875,6 +875,8 @@ def test_measures_on_the_map_are_those_of_the_command_line(
             assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
             assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)
             assert (mine.get("volume_l") or 0) == pytest.approx(theirs.volume_l or 0, abs=0.01)
+            std_l = theirs.volume_std_l or 0
+            assert (mine.get("volume_std_l") or 0) == pytest.approx(std_l, rel=0.01)
 
 
 @pytest.mark.slow
@@ -944,6 +946,53 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
     rows = (tmp_path / "points.csv").read_text().splitlines()
     assert rows[0] == "point,x_m,y_m,label" and len(rows) == 13
     assert sum(row.endswith(",Sand") for row in rows) == 4
+
+
+def test_random_points_beside_the_page_are_found_in_another_browser(
+    new_context: Callable[..., BrowserContext], mapped: Path, tmp_path: Path
+) -> None:
+    """By mouse; points that the file replaces come back by Undo."""
+    out = tmp_path / "out"
+    shutil.copytree(mapped, out)
+
+    def opened(context: BrowserContext) -> Page:
+        page = context.new_page()
+        page.goto(f"{(out / 'index.html').as_uri()}#map")
+        page.locator(".map-stage canvas").wait_for()
+        return page
+
+    def placed(page: Page, count: int, *labels: str) -> None:
+        page.get_by_label("How many points").fill(str(count))
+        page.get_by_role("button", name="Random points").click()
+        expect(done(page)).to_have_text(f"0 of {count} labeled")
+        for label in labels:
+            page.get_by_label("Label of this point").click()
+            page.keyboard.type(label)
+            page.keyboard.press("Enter")
+
+    def done(page: Page) -> Locator:
+        return page.locator(".cover-bar output")
+
+    mine, theirs = opened(new_context()), opened(new_context())
+    placed(theirs, 10)
+    placed(mine, 12, "Sand", "Rock", "Sand")
+    other_tab = mine.context.new_page()
+    other_tab.goto(mine.url)
+    expect(done(other_tab)).to_have_text("3 of 12 labeled")
+    with mine.expect_download() as saved:
+        mine.get_by_role("button", name="Save points and measurements (JSON)").click()
+    saved.value.save_as(out / "measures.json")
+    report(out)
+    new = opened(new_context())
+    expect(done(new)).to_have_text("3 of 12 labeled")
+    first = new.locator(".cover tbody tr").first.locator("td")
+    assert first.all_inner_texts()[:2] == ["Sand", "2"]
+    theirs.reload()
+    expect(done(theirs)).to_have_text("3 of 12 labeled")
+    for _ in range(4):
+        theirs.get_by_role("button", name="Take back the last label").click()
+    expect(done(theirs)).to_have_text("0 of 10 labeled")
+    assert measure(out, out / "measures.json") == []
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])

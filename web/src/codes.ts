@@ -1,5 +1,20 @@
 // Whole numbers of a picture, predicted from their neighbors (stereo_seecolor/report/prediction.py).
 
+const LARGE = 15;
+
+/** Low and high bytes of the prediction's errors from two to a byte, and those that are too large for that at the end. */
+export function unpacked(bytes: Uint8Array, count: number): Uint8Array {
+  const planes = new Uint8Array(2 * count);
+  const half = Math.ceil(count / 2);
+  const large = (bytes.length - half) / 2;
+  for (let i = 0, next = half; i < count; i++) {
+    const low = (bytes[i >> 1] >> (4 * (i & 1))) & 15;
+    planes[i] = low < LARGE ? low : bytes[next];
+    if (low === LARGE) planes[count + i] = bytes[large + next++];
+  }
+  return planes;
+}
+
 /** Each code through value, row after row; NaN where known's bit is 0. bytes: low and high bytes of the prediction's errors. */
 export function decoded(bytes: Uint8Array, known: Uint8Array, width: number, height: number, value: (code: number) => number): Float32Array {
   const count = width * height;

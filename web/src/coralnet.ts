@@ -2,17 +2,13 @@
 
 import type { About } from "./about";
 import type { Dive } from "./dive";
+import type { LabelledSpot } from "./kept";
 import { has } from "./dive";
 import { placed, quoted } from "./measures";
 import { seecolor } from "./shared";
 
 const MOST_PX = 8000; // a side of a tile of `export --to tiles`
 const LABELS = ["Label", "Label code"]; // as CoralNet exports the column, and as it takes it
-
-export interface LabelledSpot {
-  spot_m: [number, number];
-  label: string;
-}
 
 interface Tile {
   name: string;
@@ -77,7 +73,7 @@ async function spotOf(image: string, [x, y]: [number, number], dive: Dive, about
 }
 
 /** A table of the points as pixels of the tiles, for CoralNet to take. */
-export function writePoints(points: LabelledSpot[], about: About): string {
+export function writePoints(points: readonly LabelledSpot[], about: About): string {
   const mosaic = about.mosaic;
   const all = mosaic ? tiles(mosaic.width, mosaic.height) : [];
   const rows = points.flatMap(({ spot_m, label }) => {

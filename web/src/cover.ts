@@ -1,12 +1,14 @@
 // Cover by random points on the map: each is labelled, and counts give fractions of what was seen with binomial intervals.
 
 import type { About } from "./about";
-import { readPoints, writePoints, type LabelledSpot } from "./coralnet";
+import { readPoints, writePoints } from "./coralnet";
+import type { CoverPoints } from "./coverpoints";
 import type { Dive, Text } from "./dive";
 import { button, element, readable, redraw, select } from "./elements";
 import type { Heights } from "./heights";
 import { labelList, LABELS } from "./labels";
-import { quoted, save } from "./measures";
+import type { LabelledSpot } from "./kept";
+import { quoted, save, type Measures } from "./measures";
 
 const MOST_POINTS = 2000;
 const TRIES = 200; // a point on a map of which a two hundredth is known
@@ -29,23 +31,14 @@ export class Cover {
   private readonly said = element("output", { class: "readout" });
   private readonly problem = element("output", { class: "readout" });
   private readonly label: HTMLInputElement;
-  private points: LabelledSpot[] = [];
-  private earlier: LabelledSpot[][] = []; // points that others have replaced
-
   constructor(
     private readonly about: About,
     private readonly dive: Dive,
     private readonly text: Text,
     private readonly heights: Heights,
+    private readonly measures: Measures,
     private readonly changed: (spot_m: [number, number] | null) => void,
   ) {
-    this.points = this.stored();
-    addEventListener("storage", ({ key }) => {
-      if (key !== this.key) return;
-      this.points = this.stored(); // another tab of this browser has changed them
-      this.draw(false);
-      this.changed(this.current);
-    });
     const count = element("input", { type: "number", min: 10, max: MOST_POINTS, value: 100, "aria-label": text("cover.count") });
     this.label = element("input", { type: "text", list: "cover-labels", "aria-label": text("cover.label"), placeholder: text("cover.label") });
     this.label.addEventListener("focus", () => this.current && this.changed(this.current));
@@ -59,31 +52,24 @@ export class Cover {
       element("p", { class: "hint" }, text("cover.hint")),
       element("div", { class: "toolbar" }, count, button(text("cover.throw"), () => void this.scatter(Number(count.value))), set),
       element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...heads)), this.rows)),
-      element("div", { class: "toolbar" }, button(text("cover.csv"), () => save("cover_points.csv", this.csv())), ...(about.mosaic ? [button(text("cover.save_coralnet"), () => save("coralnet_points.csv", writePoints(this.points, about)))] : []), this.fileField()),
+      element("div", { class: "toolbar" }, button(text("cover.json"), () => save("measures.json", measures.json())), button(text("cover.csv"), () => save("cover_points.csv", this.csv())), ...(about.mosaic ? [button(text("cover.save_coralnet"), () => save("coralnet_points.csv", writePoints(this.points.list, about)))] : []), this.fileField()),
       this.problem,
+      element("p", { class: "hint" }, text("measure.json_hint")),
     );
     this.bar.append(
-      element("div", { class: "toolbar" }, this.label, names, button(text("measure.undo"), () => this.back(), { "aria-label": text("cover.back") }), this.said),
+      element("div", { class: "toolbar" }, this.label, names, button(text("measure.undo"), () => this.move(() => this.points.back()), { "aria-label": text("cover.back") }), this.said),
       this.again,
     );
-    this.draw(false);
+    this.draw();
   }
 
-  private stored(): LabelledSpot[] {
-    try {
-      return JSON.parse(localStorage.getItem(this.key) ?? "null") as LabelledSpot[] | null ?? this.points;
-    } catch {
-      return this.points; // a browser that keeps nothing for files
-    }
-  }
-
-  private get key(): string {
-    return `stereo-seecolor/cover/${this.dive.id}`;
+  private get points(): CoverPoints {
+    return this.measures.points;
   }
 
   /** The point that is to be labelled. */
   get current(): [number, number] | null {
-    return this.points.find((each) => !each.label)?.spot_m ?? null;
+    return this.points.current?.spot_m ?? null;
   }
 
   /** Points that are evenly distributed over what the map shows. */
@@ -97,15 +83,14 @@ export class Cover {
       await this.heights.load([spot_m]);
       if (!Number.isNaN(this.heights.at(...cell))) points.push({ spot_m, label: "" });
     }
-    this.replace(points);
+    this.move(() => this.points.replace(points));
     this.label.focus({ preventScroll: true });
   }
 
-  /** Other points; undo brings the earlier ones back. */
-  private replace(points: LabelledSpot[]): void {
-    if (this.points.length) this.earlier.push(this.points);
-    this.points = points;
-    this.draw(true);
+  /** Change the points, and show the one that is to be labelled now. */
+  private move(change: () => void): void {
+    change();
+    this.changed(this.current);
   }
 
   private fileField(): HTMLElement {
@@ -129,29 +114,21 @@ export class Cover {
         if (!Number.isNaN(this.heights.at(x, y))) known.push(each);
       }
       this.problem.textContent = this.text("cover.loaded", { count: known.length, total: all.length });
-      if (known.length) this.replace(known);
+      if (known.length) this.move(() => this.points.replace(known));
     } catch (error) {
       this.problem.textContent = `${file.name}: ${(error as Error).message}`;
     }
   }
 
   private give(label: string): void {
-    const next = this.points.find((each) => !each.label);
-    if (!next || !label) return;
-    next.label = label;
+    if (!this.current || !label) return;
     this.label.value = "";
-    this.draw(true);
+    this.move(() => this.points.give(label));
   }
 
-  private back(): void {
-    const last = this.points.filter((each) => each.label).pop();
-    if (last) last.label = "";
-    else this.points = this.earlier.pop() ?? this.points;
-    this.draw(true);
-  }
-
-  private draw(moved: boolean): void {
-    const given = this.points.filter((each) => each.label);
+  /** Draw the table and the field anew: points were changed, here, in another tab or by a file. */
+  draw(): void {
+    const given = this.points.list.filter((each) => each.label);
     const counts = new Map<string, number>();
     for (const { label } of given) counts.set(label, (counts.get(label) ?? 0) + 1);
     const percent = (value: number) => readable(100 * value);
@@ -164,19 +141,13 @@ export class Cover {
     );
     const labels = [...counts.keys()].sort();
     redraw(this.again, labels.map((label) => button(label, () => this.give(label), { "aria-label": this.text("cover.again", { label }) })));
-    this.bar.hidden = !this.points.length;
-    this.said.textContent = this.points.length ? this.text("cover.done", { done: given.length, total: this.points.length }) : "";
-    if (!moved) return;
-    this.changed(this.current);
-    try {
-      localStorage.setItem(this.key, JSON.stringify(this.points));
-    } catch {
-      // nothing can be kept: the file still can be saved
-    }
+    const total = this.points.list.length;
+    this.bar.hidden = !total;
+    this.said.textContent = total ? this.text("cover.done", { done: given.length, total }) : "";
   }
 
   private csv(): string {
-    const rows = this.points.map(({ spot_m, label }, i) => [i + 1, ...spot_m.map((value, axis) => (value + this.dive.offset_m[axis]).toFixed(4)), label]);
+    const rows = this.points.list.map(({ spot_m, label }, i) => [i + 1, ...spot_m.map((value, axis) => (value + this.dive.offset_m[axis]).toFixed(4)), label]);
     return [["point", "x_m", "y_m", "label"], ...rows].map((row) => row.map(quoted).join(",") + "\r\n").join("");
   }
 }

@@ -1,6 +1,6 @@
 // The dive as page/dive.js hands it over.
 
-import type { Measure } from "./kept";
+import type { KeptPoints, Measure } from "./kept";
 
 export interface Geometry {
   focal_px: number;
@@ -35,6 +35,7 @@ export interface Dive {
   plots: Record<string, Record<string, Column>>;
   water: Record<string, unknown> | null; // as in water.json, where all frames share one
   measures?: Measure[]; // of OUT/measures.json
+  cover?: KeptPoints | null; // of the same
   white_errors: (number | null)[] | null; // of its white point, red and blue over green, relative
 }
 

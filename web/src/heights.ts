@@ -18,12 +18,14 @@ interface Packed {
   heights: string;
   known: string;
   gaps?: string;
+  sides?: string;
 }
 
 interface Tile {
   width: number;
   heights_m: Float32Array;
   gaps: Uint8Array | null;
+  sides: Uint8Array | null;
 }
 
 const received = new Map<string, Packed>();
@@ -73,6 +75,12 @@ export class Heights {
     return tile?.gaps?.[place] ?? 0;
   }
 
+  /** Whether the sides of what stands at a cell were seen (stereo_seecolor/mapping/raster/sides.py). */
+  side(column: number, row: number): boolean {
+    const [tile, place] = this.placeOf(column, row);
+    return Boolean((tile?.sides?.[place >> 3] ?? 0) & (128 >> (place & 7)));
+  }
+
   private placeOf(column: number, row: number): [Tile | undefined, number] {
     const tile = this.tiles.get(`${Math.floor(column / TILE_PX)}_${Math.floor(row / TILE_PX)}`);
     const [x, y] = [column % TILE_PX, row % TILE_PX];
@@ -85,8 +93,9 @@ export class Heights {
     const packed = received.get(name);
     if (!packed) return;
     received.delete(name);
-    const [bytes, known, gaps = null] = await Promise.all([packed.heights, packed.known, ...(packed.gaps ? [packed.gaps] : [])].map(inflated));
-    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed.width, packed.height, (code) => packed.low_m + code * packed.step_m), gaps });
+    const [bytes, known] = await Promise.all([packed.heights, packed.known].map(inflated));
+    const [gaps, sides] = await Promise.all([packed.gaps, packed.sides].map((each) => (each ? inflated(each) : null)));
+    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed.width, packed.height, (code) => packed.low_m + code * packed.step_m), gaps, sides });
     if (this.tiles.size > MOST_KEPT) this.tiles.delete(this.tiles.keys().next().value as string);
   }
 }

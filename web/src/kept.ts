@@ -1,4 +1,15 @@
-// A measure as the browser and OUT/measures.json keep it (stereo_seecolor/report/kept_measures.py).
+// A measure, and random points, as the browser and OUT/measures.json keep it (stereo_seecolor/report/kept_measures.py).
+
+/** A point of the map that is labelled, "" as long as it is not; in the map's own coordinates. */
+export interface LabelledSpot {
+  spot_m: [number, number];
+  label: string;
+}
+
+export interface KeptPoints {
+  changed_ms: number; // when one was labelled last, or they were placed
+  points: LabelledSpot[];
+}
 
 export type Kind = "point" | "length" | "area";
 

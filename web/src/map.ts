@@ -56,7 +56,8 @@ class MapView {
     private readonly look: (name: string) => void,
   ) {
     this.measuring = about.terrain && seecolor.table ? new MapMeasuring(about, dive, text, seecolor.table, this.eye()) : null;
-    this.cover = this.measuring ? new Cover(about, dive, text, this.measuring.ground.heights, (spot_m) => this.showPoint(spot_m)) : null;
+    this.cover = this.measuring ? new Cover(about, dive, text, this.measuring.ground.heights, this.measuring.measures, (spot_m) => this.showPoint(spot_m)) : null;
+    seecolor.table?.watch(() => this.pointsChanged());
     if (this.cover) this.work.append(this.cover.bar);
     this.tools = this.madeTools();
     const views = this.views();
@@ -132,6 +133,12 @@ class MapView {
     if (spot_m) this.mosaic?.center(...spot_m);
     this.drawOver();
     this.work.scrollIntoView({ block: "nearest" });
+  }
+
+  /** The random points were changed, perhaps in another tab. */
+  private pointsChanged(): void {
+    this.cover?.draw();
+    this.drawMarks();
   }
 
   /** The view that is shown, as measuring needs it. */

@@ -5,7 +5,7 @@ import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
 import { planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
-import type { Kind, Measure } from "./measures";
+import type { Kind, Measure, Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { crossesItself, type Flat, type Vector } from "./outlines";
 import { drawProfile } from "./profile";
@@ -74,6 +74,10 @@ export class MapMeasuring {
     this.overlay.addEventListener("pointerup", () => this.drop());
     table.watch(() => this.draw());
     this.draw();
+  }
+
+  get measures(): Measures {
+    return this.table.measures;
   }
 
   /** True where a click measures, and does not look for frames. */

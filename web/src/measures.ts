@@ -1,7 +1,8 @@
 // What was measured, kept in the browser: with undo, shared by all tabs of it, and written out for other programs and browsers.
 
 import type { Dive } from "./dive";
-import type { Kind, Measure } from "./kept";
+import { CoverPoints } from "./coverpoints";
+import type { KeptPoints, Kind, Measure } from "./kept";
 import { CLICK_STD_PX } from "./measure";
 
 export type { Kind, Measure };
@@ -18,6 +19,8 @@ interface Step {
 }
 
 export class Measures {
+  /** The random points of the map. */
+  readonly points: CoverPoints;
   private all: Measure[] = [];
   private readonly steps: Step[] = [];
   private typed = ""; // the field of the last change, where that was typed
@@ -29,6 +32,7 @@ export class Measures {
   ) {
     this.all = this.stored();
     this.add(dive.measures ?? [], true);
+    this.points = new CoverPoints(`stereo-seecolor/cover/${dive.id}`, dive.cover ?? null, changed);
     window.addEventListener("storage", ({ key }) => {
       if (key !== this.key) return;
       this.all = this.stored(); // another tab of this browser has changed it
@@ -145,17 +149,17 @@ export class Measures {
 
   /** All of it, for another browser, for ``report``, which shows what lies in OUT/measures.json, and for ``measure``. */
   json(): string {
-    return JSON.stringify({ format: FORMAT, dive: this.dive.id, offset_m: this.dive.offset_m, measures: this.all }, null, 1);
+    return JSON.stringify({ format: FORMAT, dive: this.dive.id, offset_m: this.dive.offset_m, measures: this.all, cover: this.points.content }, null, 1);
   }
 
-  /** Take over what ``json`` wrote; returns how many measures are new or changed. Throws an Error for another file, or one of another dive. */
+  /** Take over what ``json`` wrote; returns how many measures and random points are new or changed. Throws an Error for another file, or one of another dive. */
   load(text: string): number {
-    const content = JSON.parse(text) as { format?: string; dive?: string; measures?: Measure[] };
+    const content = JSON.parse(text) as { format?: string; dive?: string; measures?: Measure[]; cover?: KeptPoints };
     if (content.format !== FORMAT || !Array.isArray(content.measures)) throw new Error("not a file of measures");
     if (content.dive !== this.dive.id) throw new Error("of another dive");
     const count = this.add(content.measures, false);
     this.changed();
-    return count;
+    return count + (this.points.take(content.cover) ? this.points.list.length : 0);
   }
 
   /** A row for each point: what `stereo-seecolor measure` reads. */

@@ -1,6 +1,6 @@
 // A frame's ranges: loaded as a script, inflated, and turned into meters (stereo_seecolor/report/range_code.py).
 
-import { decoded } from "./codes";
+import { decoded, unpacked } from "./codes";
 import { address } from "./dive";
 import { script } from "./scripts";
 
@@ -66,7 +66,7 @@ async function unpack(packed: Packed): Promise<Ranges> {
   return {
     width,
     height,
-    range_m: decoded(codes, known, width, height, (code) => 1 / (code * packed.step_per_m)),
+    range_m: decoded(unpacked(codes, width * height), known, width, height, (code) => 1 / (code * packed.step_per_m)),
     std_m: Float32Array.from(std, (code) => (code ? STD_FLOOR_M * 2 ** ((code - 1) / STD_STEPS_PER_OCTAVE) : NaN)),
     confidence,
     mask,

@@ -55,7 +55,7 @@ export function volumeAbove(ground: Ground, spots: Spot[], correlation_m: number
     ground.std_m * gain(known, rim, each_l, correlation_m / cell_m),
     1000 * BENEATH * Math.sqrt(Math.max(alikeAround(rim, above), 0)) * own.length * cell_m ** 2,
     1000 * scatter_m * (own.length - known.length) * cell_m ** 2,
-    (value * stepped(own, isOwn, (column, row) => heights.at(column, row), ground.gap_m)) / Math.sqrt(3),
+    (value * openSides(own, isOwn, ground)) / Math.sqrt(3),
   ];
   return { value, std: Math.hypot(...stds), power: 3 };
 }
@@ -91,15 +91,19 @@ function gain(known: Cell[], rim: Cell[], each_l: number, alike_cells: number): 
   return Math.sqrt(Math.max(variance, 0));
 }
 
-/** The part of an outline's sides, in edges of cells, at which the ground falls off by a step, or is not known. */
-function stepped(own: Cell[], isOwn: (column: number, row: number) => boolean, at: (column: number, row: number) => number, gap_m: number): number {
-  let [sides, steps] = [0, 0];
+/**
+ * The part of what is enclosed that may be empty below: edges of cells at which the ground falls off by a step whose side was not seen,
+ * or at which the outline ends and the ground is not known, over all edges at which the outline ends; at most 1.
+ */
+function openSides(own: Cell[], isOwn: (column: number, row: number) => boolean, { heights, gap_m }: Ground): number {
+  let [ends, open] = [0, 0];
   for (const { column, row, height_m } of own) {
     for (const [c, r] of [[column + 1, row], [column - 1, row], [column, row + 1], [column, row - 1]]) {
-      if (isOwn(c, r)) continue;
-      sides++;
-      if (!(height_m - at(c, r) <= gap_m)) steps++;
+      const fall_m = height_m - heights.at(c, r);
+      const end = !isOwn(c, r);
+      if (end) ends++;
+      if ((end && Number.isNaN(fall_m)) || (fall_m > gap_m && !heights.side(column, row))) open++;
     }
   }
-  return steps / Math.max(sides, 1);
+  return Math.min(open / Math.max(ends, 1), 1);
 }

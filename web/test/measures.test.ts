@@ -95,6 +95,31 @@ test("measures go to another browser and back; the later change counts, and what
   assert.deepEqual(again.list.map((each) => each.id), [2, 3]);
 });
 
+test("random points go to another browser with the measures; those that were changed later count, and the others come back", () => {
+  const here = new Measures(DIVE, () => undefined);
+  here.points.replace([{ spot_m: [1, 2], label: "" }, { spot_m: [3, 4], label: "" }]);
+  here.points.give("Sand");
+  const file = here.json();
+  localStorage.clear();
+  const there = new Measures({ ...DIVE, cover: JSON.parse(file).cover }, () => undefined);
+  assert.deepEqual(there.points.list, [{ spot_m: [1, 2], label: "Sand" }, { spot_m: [3, 4], label: "" }]);
+  assert.deepEqual(new Measures(DIVE, () => undefined).points.list, there.points.list);
+  there.points.give("Rock");
+  assert.equal(there.load(file), 0); // labelled later here
+  assert.deepEqual(there.points.list.map((each) => each.label), ["Sand", "Rock"]);
+  assert.equal(here.load(there.json()), 2);
+  assert.deepEqual(here.points.list.map((each) => each.label), ["Sand", "Rock"]);
+  here.points.back();
+  here.points.back();
+  here.points.back();
+  assert.deepEqual(here.points.list.map((each) => each.label), ["Sand", ""]); // as they were here before
+});
+
+test("points as earlier pages kept them are found", () => {
+  localStorage.setItem("stereo-seecolor/cover/dive", JSON.stringify([{ spot_m: [1, 2], label: "Sand" }]));
+  assert.equal(new Measures(DIVE, () => undefined).points.list[0].label, "Sand");
+});
+
 test("a file of something else, or of another dive, is refused", () => {
   const measures = new Measures(DIVE, () => undefined);
   assert.throws(() => measures.load("{}"), /not a file of measures/);

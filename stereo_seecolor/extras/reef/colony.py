@@ -3,14 +3,14 @@ and volume above the ground around it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.extras.reef.ground_volume import RIM_CELLS, rim_of, rim_plane, volume_of
+from stereo_seecolor.extras.reef.lengths_and_areas import Measured, planar_area, polygon_area
 from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
-from stereo_seecolor.extras.reef.lengths_and_areas import planar_area, polygon_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
@@ -22,20 +22,10 @@ from stereo_seecolor.mapping.raster.noise import (
     shape_stds,
     spread_of,
 )
+from stereo_seecolor.mapping.raster.sides import sides_seen
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-RIM_CELLS = 2
-"""The ground around an outline: the cells up to this far outside."""
-FEWEST_RIM_CELLS = 6
-SIDES_SEEN = 0.5
-"""Part of its sides in the mesh from which a colony is taken to reach down to the ground."""
-BENEATH = 0.75
-"""Mean departure of the ground beneath an outline from the plane through its rim, over the root
-mean product of what neighboring cells of the rim depart: of Brownian surfaces of dimensions 2.1 to
-2.5 (0.66 to 0.87).
-"""
 
 
 @dataclass(frozen=True)
@@ -43,11 +33,10 @@ class ColonySize:
     """Square meters, meters and liters.
 
     planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
-    surface_m2: of planes through 3x3 cells, as the page and ``measure`` state it. mesh_m2: of the
-    mesh, noise and overhangs included. height_m, volume_l: above the plane through the rim,
-    without what noise adds; where sides were not seen, what is under an overhang counts, and may
-    be empty: the standard error holds it, and a volume that is not positive is NaN. rugosity:
-    surface over planar area.
+    surface_m2: of planes through 3x3 cells. mesh_m2: of the mesh, noise and overhangs included.
+    height_m: of the highest place above the plane through the rim, without what noise adds.
+    volume_l: above that plane; NaN where it is not positive. rugosity: surface over planar area.
+    The page and ``measure`` state the same areas and the same volume.
     """
 
     planar_m2: float
@@ -86,11 +75,13 @@ def measure_outlines(
     height_std_m: float,
     click_m: float = 0.0,
     calibration: float = 0.0,
+    alike_m: float | None = None,
 ) -> list[Colony | None]:
     """Measure each outline; None where nothing of it was seen.
 
-    height_std_m: of a height, click_m: of a corner, calibration: of a length, relative; as the page
-    has them.
+    height_std_m: of a height, click_m: of a corner, calibration: of a length, relative; alike_m:
+    the distance over which errors of heights are alike, that of ``errors`` if None; as the page has
+    them.
     """
     masks = [outline.mask(terrain.grid) for outline in outlines]
     seen = [i for i, mask in enumerate(masks) if (mask & terrain.known).any()]
@@ -101,45 +92,31 @@ def measure_outlines(
 
     def by_terrain(heights: Array) -> Array:
         parts = [(heights[windows[i]], masks[i][windows[i]]) for i in seen]
-        return np.array(
-            [
-                above_rim(own, inside, rim_of(own, inside), terrain.grid.cell_m)
-                for own, inside in parts
-            ]
-        ).ravel()
+        return np.array([height_above(own, inside) for own, inside in parts])
 
     grid = terrain.grid
     ground = Ground(
         terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, height_std_m
     )
-    values, errs = (
-        each.reshape(len(seen), -1) for each in _without_noise(by_terrain, terrain, errors)
-    )
+    mesh_m2 = mesh.area_over(grid)
+    sides = sides_seen(terrain.height_m, mesh_m2, grid.cell_m, ground.gap_m)
+    ground = replace(ground, sides=sides)
+    correlation_m = errors.correlation_m if alike_m is None else alike_m
+    heights_m, height_stds_m = _without_noise(by_terrain, terrain, errors)
     colonies: list[Colony | None] = [None] * len(outlines)
-    for i, value, error in zip(seen, values, errs, strict=True):
+    for i, height_m, height_std in zip(seen, heights_m, height_stds_m, strict=True):
         known = masks[i] & terrain.known
         fraction = float(known.sum() / masks[i].sum())
         areas, area_stds, relative = _areas(outlines[i], ground, masks[i], fraction, click_m)
-        mesh_m2 = mesh_area_m2(mesh, terrain, masks[i]) / fraction
-        under = overhang_l(mesh, terrain, masks[i], ground.gap_m)
-        refused = under > 0 and not value[1] > 0
+        of_mesh_m2 = float(mesh_m2[masks[i]].sum()) / fraction
+        volume = _volume(ground, masks[i], windows[i], correlation_m)
         measured = ColonySize(
-            *areas,
-            mesh_m2,
-            float(value[0]),
-            float("nan") if refused else float(value[1]),
-            areas[2] / areas[0],
+            *areas, of_mesh_m2, float(height_m), volume.value, areas[2] / areas[0]
         )
         views = float(errors.views[known].mean())
         at = windows[i]
-        beneath_l = ground_std_l(terrain.height_m[at], masks[i][at], terrain.grid.cell_m)
-        unseen_l = _unseen_volume_l(terrain, masks[i], at)
-        height_m = np.hypot(error[0], _top_std_m(terrain.height_m[at], masks[i][at]))
-        seen_std_l = float(np.linalg.norm([error[1], beneath_l, unseen_l]))
-        volume_l = (
-            float("nan") if refused else np.hypot(seen_std_l, min(under, value[1]) / np.sqrt(3))
-        )
-        stds = (*area_stds, relative * mesh_m2, height_m, volume_l)
+        top_std = np.hypot(height_std, _top_std_m(terrain.height_m[at], masks[i][at]))
+        stds = (*area_stds, relative * of_mesh_m2, top_std, volume.std)
         powers = (2, 2, 2, 2, 1, 3)
         shared = (
             power * calibration * each
@@ -208,74 +185,20 @@ def _open(ring: Array) -> Array:
     return ring[:-1] if len(ring) > 1 and (ring[0] == ring[-1]).all() else ring
 
 
-def _unseen_volume_l(terrain: Terrain, inside: Mask, window: tuple[slice, slice]) -> float:
-    """Standard error of a volume from the part that was not seen and is taken to be like the rest.
-
-    Its mean may differ from that of the rest by the standard deviation of what was seen.
-    """
-    heights, own = terrain.height_m[window], inside[window]
-    above = (heights - rim_plane(heights, rim_of(heights, own)))[own]
-    if np.isfinite(above).all() or not np.isfinite(above).any():
-        return 0.0
-    return (
-        1000
-        * float(np.std(above[np.isfinite(above)]))
-        * float((inside & ~terrain.known).sum())
-        * terrain.grid.cell_m**2
-    )
+def height_above(heights: Array, inside: Mask) -> float:
+    """The highest place above the plane through the rim."""
+    above = (heights - rim_plane(heights, rim_of(heights, inside)))[inside]
+    return float(np.nanmax(above)) if np.isfinite(above).any() else float("nan")
 
 
-def overhang_l(mesh: SiteMesh, terrain: Terrain, mask: Mask, gap_m: float) -> float:
-    """Liters below the top of an outline that may be empty, since its sides were not seen; 0 where
-    they were, or where it has none.
-
-    Sides are steps to the cells around. Seen ones are in the mesh, over the cells beside them.
-    """
-    heights = terrain.height_m
-    expected_m2, high = 0.0, np.zeros(mask.shape, bool)
-    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        beside = np.roll(heights, shift, axis)
-        step_m = np.where(mask & ~np.roll(mask, shift, axis), heights - beside, 0)
-        side = np.nan_to_num(step_m) > gap_m
-        high |= side
-        expected_m2 += float(step_m[side].sum()) * terrain.grid.cell_m
-    if not high.any():
-        return 0.0
-    near = cv2.dilate(high.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    level_m2 = float((near & terrain.known).sum()) * terrain.grid.cell_m**2
-    seen_m2 = mesh_area_m2(mesh, terrain, near) - level_m2
-    if seen_m2 > SIDES_SEEN * expected_m2:
-        return 0.0
-    window = _window(mask)
-    rim = rim_of(heights[window], mask[window])
-    ground_m = float(np.median(heights[window][rim])) if rim.any() else float("nan")
-    above = heights[mask] - ground_m
-    return 1000 * float(np.maximum(np.nan_to_num(above), 0).sum()) * terrain.grid.cell_m**2
-
-
-def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
-    """Square meters of mesh over, and below, the cells of a mask."""
-    return float(mesh.area_over(terrain.grid)[mask].sum())
-
-
-def above_rim(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:
-    """Height, and volume in liters, above the plane through the rim."""
-    above = (heights - rim_plane(heights, rim))[inside]
-    seen = above[np.isfinite(above)]
-    if not len(seen):
-        return float("nan"), float("nan")
-    return float(seen.max()), 1000 * float(seen.mean()) * float(inside.sum()) * cell_m**2
-
-
-def ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:
-    """Standard error of a volume by the ground beneath, which is not seen: on average it departs
-    from the plane as the ground around does, as far as that is alike from cell to cell.
-    """
-    rim = rim_of(heights, inside)
-    off = np.where(rim, heights - rim_plane(heights, rim), np.nan)
-    pairs = np.concatenate([(off[1:] * off[:-1]).ravel(), (off[:, 1:] * off[:, :-1]).ravel()])
-    alike = float(pairs[np.isfinite(pairs)].mean()) if np.isfinite(pairs).any() else float("nan")
-    return 1000 * BENEATH * float(np.sqrt(max(alike, 0.0)) * inside.sum()) * cell_m**2
+def _volume(
+    ground: Ground, mask: Mask, window: tuple[slice, slice], correlation_m: float
+) -> Measured:
+    """Of the cells of an outline, as the page states it; NaN where it has none."""
+    margin = RIM_CELLS + 1
+    corner = window[1].start - margin, window[0].start - margin
+    found = volume_of(ground, np.pad(mask[window], margin), corner, correlation_m)
+    return found or Measured(float("nan"), float("nan"), 3)
 
 
 def _top_std_m(heights: Array, inside: Mask) -> float:
@@ -296,20 +219,3 @@ def _window(mask: Mask) -> tuple[slice, slice]:
         slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
         slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
     )
-
-
-def rim_of(heights: Array, inside: Mask) -> Mask:
-    """The ground around an outline, where it was seen."""
-    near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8)) > 0
-    return np.asarray(near & ~inside & np.isfinite(heights))
-
-
-def rim_plane(heights: Array, rim: Mask) -> Array:
-    """(H, W) the plane through the ground of a rim; NaN where too little of that was seen."""
-    rows, columns = np.nonzero(rim)
-    if len(rows) < FEWEST_RIM_CELLS:
-        return np.full_like(heights, np.nan)
-    basis = np.stack([columns, rows, np.ones(len(rows))], axis=-1).astype(np.float64)
-    plane = np.linalg.lstsq(basis, heights[rim], rcond=None)[0]
-    row, column = np.indices(heights.shape)
-    return np.asarray(column * plane[0] + row * plane[1] + plane[2])

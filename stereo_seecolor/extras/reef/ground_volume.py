@@ -1,28 +1,27 @@
-"""Volume of what an outline on a terrain encloses, above the plane through the ground around it;
-web/src/volume.ts computes the same.
-
-``metrics`` measures the same volume with each cell's own standard error, and knows from the mesh
-whether the sides were seen (colony.py). Here the terrain alone is known.
+"""Volume of what an outline on a terrain encloses, above the plane through the ground around it,
+for ``measure``, ``metrics`` and the page: web/src/volume.ts computes the same.
 """
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.colony import (
-    FEWEST_RIM_CELLS,
-    RIM_CELLS,
-    above_rim,
-    ground_std_l,
-    rim_of,
-    rim_plane,
-)
 from stereo_seecolor.extras.reef.lengths_and_areas import Measured, inside
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
+from stereo_seecolor.mapping.raster.sides import FALLS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+RIM_CELLS = 2
+"""The ground around an outline: the cells up to this far outside."""
+FEWEST_RIM_CELLS = 6
+BENEATH = 0.75
+"""Mean departure of the ground beneath an outline from the plane through its rim, over the root
+mean product of what neighboring cells of the rim depart: of Brownian surfaces of dimensions 2.1 to
+2.5 (0.66 to 0.87).
+"""
 ALIKE_REACH = 3.0
 """Correlation lengths beyond which errors of heights are independent: exp(-4.5) is 1 %."""
 
@@ -32,20 +31,32 @@ def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) ->
     where it is not positive, as of something hollow below.
 
     correlation_m: distance over which errors of heights are alike.
-    Its standard error holds errors of heights, the ground beneath, which is not seen, what was not
-    seen of it, and what may be hollow where its sides are steps.
     """
     outline = np.array([ground.cell(*spot.point_m[:2]) for spot in spots])
     corner = np.floor(outline.min(axis=0)).astype(int) - RIM_CELLS - 1
     width, height = np.ceil(outline.max(axis=0)).astype(int) + RIM_CELLS + 2 - corner
     left, top = corner.tolist()
-    heights = ground.window(left, top, left + width - 1, top + height - 1)
     own = np.array(
         [
             [inside(outline, corner[0] + column, corner[1] + row) for column in range(width)]
             for row in range(height)
         ]
     )
+    return volume_of(ground, own, (left, top), correlation_m)
+
+
+def volume_of(
+    ground: Ground, own: Mask, corner: tuple[int, int], correlation_m: float
+) -> Measured | None:
+    """The volume over cells (H, W), as ``volume_above`` states it. own: with at least RIM_CELLS + 1
+    others around. corner: column and row of the first.
+
+    Its standard error holds errors of heights, the ground beneath, which is not seen, what was not
+    seen of it, and what may be hollow where its sides are steps that were not seen either.
+    """
+    (left, top), (height, width) = corner, own.shape
+    window = left, top, left + width - 1, top + height - 1
+    heights = ground.window(*window)
     rim, known = rim_of(heights, own), own & np.isfinite(heights)
     if rim.sum() < FEWEST_RIM_CELLS or not known.any():
         return None
@@ -53,11 +64,12 @@ def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) ->
     if not volume_l > 0:
         return None
     above = (heights - rim_plane(heights, rim))[known]
+    open_sides = _open_sides(heights, own, ground.sides_in(*window), ground.gap_m)
     stds = (
         ground.std_m * _gain_l(own, known, rim, ground.cell_m, correlation_m),
         ground_std_l(heights, own, ground.cell_m),
         1000 * float(above.std()) * float((own & ~known).sum()) * ground.cell_m**2,
-        volume_l * _stepped(heights, own, ground.gap_m) / np.sqrt(3),  # even from empty to full
+        volume_l * open_sides / np.sqrt(3),  # even from empty to full
     )
     return Measured(volume_l, float(np.linalg.norm(stds)), 3)
 
@@ -83,14 +95,54 @@ def _gain_l(own: Mask, known: Mask, rim: Mask, cell_m: float, correlation_m: flo
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def _stepped(heights: Array, own: Mask, gap_m: float) -> float:
-    """The part of an outline's sides, in edges of cells, at which the ground falls off by a step,
-    or is not known.
+def _open_sides(heights: Array, own: Mask, seen: Mask, gap_m: float) -> float:
+    """The part of what is enclosed that may be empty below: edges of cells at which the ground
+    falls off by a step whose side was not seen, or at which the outline ends and the ground is not
+    known, over all edges at which the outline ends; at most 1.
+
+    Steps inside count too: an outline is drawn a little outside of what it encloses.
     """
-    sides = steps = 0
-    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        side = own & ~np.roll(own, shift, axis)
-        fall = np.nan_to_num(heights - np.roll(heights, shift, axis), nan=np.inf)
-        sides += int(side.sum())
-        steps += int((side & (fall > gap_m)).sum())
-    return steps / max(sides, 1)
+    ends = open_sides = 0
+    for axis, shift in FALLS:
+        end = own & ~np.roll(own, shift, axis)
+        fall = heights - np.roll(heights, shift, axis)
+        ends += int(end.sum())
+        open_sides += int(((end & np.isnan(fall)) | (own & (fall > gap_m) & ~seen)).sum())
+    return min(open_sides / max(ends, 1), 1.0)
+
+
+def above_rim(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:
+    """Height, and volume in liters, above the plane through the rim."""
+    above = (heights - rim_plane(heights, rim))[inside]
+    seen = above[np.isfinite(above)]
+    if not len(seen):
+        return float("nan"), float("nan")
+    return float(seen.max()), 1000 * float(seen.mean()) * float(inside.sum()) * cell_m**2
+
+
+def ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:
+    """Standard error of a volume by the ground beneath, which is not seen: on average it departs
+    from the plane as the ground around does, as far as that is alike from cell to cell.
+    """
+    rim = rim_of(heights, inside)
+    off = np.where(rim, heights - rim_plane(heights, rim), np.nan)
+    pairs = np.concatenate([(off[1:] * off[:-1]).ravel(), (off[:, 1:] * off[:, :-1]).ravel()])
+    alike = float(pairs[np.isfinite(pairs)].mean()) if np.isfinite(pairs).any() else float("nan")
+    return 1000 * BENEATH * float(np.sqrt(max(alike, 0.0)) * inside.sum()) * cell_m**2
+
+
+def rim_of(heights: Array, inside: Mask) -> Mask:
+    """The ground around an outline, where it was seen."""
+    near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8)) > 0
+    return np.asarray(near & ~inside & np.isfinite(heights))
+
+
+def rim_plane(heights: Array, rim: Mask) -> Array:
+    """(H, W) the plane through the ground of a rim; NaN where too little of that was seen."""
+    rows, columns = np.nonzero(rim)
+    if len(rows) < FEWEST_RIM_CELLS:
+        return np.full_like(heights, np.nan)
+    basis = np.stack([columns, rows, np.ones(len(rows))], axis=-1).astype(np.float64)
+    plane = np.linalg.lstsq(basis, heights[rim], rcond=None)[0]
+    row, column = np.indices(heights.shape)
+    return np.asarray(column * plane[0] + row * plane[1] + plane[2])

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
 from stereo_seecolor.mapping.raster.noise import RELIEF_CELLS, height_stds, plane_sums
+from stereo_seecolor.mapping.raster.sides import step_m
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -29,8 +30,6 @@ class TerrainLimits:
     """Limits and thresholds of measurements on a map."""
 
     least_cells: int = 2  # of 3x3: an object's edge shows at least that
-    layer_cells: float = 2.0  # step between object and ground, in cells: steeper than 63 degrees
-    layer_stds: float = 6.0  # no step is smaller than the noise
     step_cells: float = 2.0  # along a line: windows that overlap little
     # a step along the ground is longer than its noise, which would lengthen it
     step_stds: float = 6.0
@@ -63,7 +62,8 @@ class Spot(PickedPoint):
 @dataclass(frozen=True, eq=False)
 class Ground:
     """A terrain model. heights_m: (H, W), NaN where unknown. west_m, north_m: its upper left
-    corner. std_m: of a height.
+    corner. std_m: of a height. sides: (H, W) whether the sides of what stands at a cell were seen
+    (``sides_seen``); None where that is not known.
     """
 
     heights_m: Map
@@ -71,11 +71,12 @@ class Ground:
     north_m: float
     cell_m: float
     std_m: float
+    sides: NDArray[np.bool_] | None = None
 
     @property
     def gap_m(self) -> float:
         """The difference in height beyond which two points lie on two things."""
-        return max(TERRAIN.layer_cells * self.cell_m, TERRAIN.layer_stds * self.std_m)
+        return step_m(self.cell_m, self.std_m)
 
     def cell(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Column and row; the center of the first cell is (0, 0)."""
@@ -136,14 +137,32 @@ class Ground:
 
     def window(self, left: int, top: int, right: int, bottom: int, margin: int = 0) -> Array:
         """The heights from one cell to another with a margin around, NaN off the map."""
-        height, width = self.heights_m.shape
+        return self._around(self.heights_m, np.nan, left, top, right, bottom, margin)
+
+    def sides_in(self, left: int, top: int, right: int, bottom: int) -> NDArray[np.bool_]:
+        """Whether sides were seen, from one cell to another; not off the map."""
+        if self.sides is None:
+            return np.zeros((bottom - top + 1, right - left + 1), np.bool_)
+        return self._around(self.sides, 0.0, left, top, right, bottom, 0) > 0
+
+    def _around(
+        self,
+        values: NDArray[Any],
+        off_map: float,
+        left: int,
+        top: int,
+        right: int,
+        bottom: int,
+        margin: int,
+    ) -> Array:
+        height, width = values.shape
         rows, columns = (
             np.arange(low - margin, high + margin + 1)
             for low, high in ((top, bottom), (left, right))
         )
         on_map = ((rows >= 0) & (rows < height))[:, None] & (columns >= 0) & (columns < width)
         inside = np.ix_(np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1))
-        return np.where(on_map, self.heights_m[inside], np.nan).astype(np.float64)
+        return np.where(on_map, values[inside], off_map).astype(np.float64)
 
     def along(self, spots: Sequence[Spot]) -> list[Spot] | None:
         """Points of the ground along the lines between spots; None where a spot does not lie on it,
@@ -151,11 +170,11 @@ class Ground:
         """
         if not all(self._is_on(spot) for spot in spots):
             return None
-        step_m = max(TERRAIN.step_cells * self.cell_m, TERRAIN.step_stds * self.std_m)
+        apart_m = max(TERRAIN.step_cells * self.cell_m, TERRAIN.step_stds * self.std_m)
         line = [spots[0]]
         for a, b in pairwise(spots):
             way = b.point_m[:2] - a.point_m[:2]
-            count = max(1, int(np.hypot(*way) / step_m))
+            count = max(1, int(np.hypot(*way) / apart_m))
             places = a.point_m[:2] + way * np.arange(1, count)[:, None] / count
             between = (self.pick(float(x_m), float(y_m), None, 0.0) for x_m, y_m in places)
             line += [*(spot for spot in between if spot is not None), b]

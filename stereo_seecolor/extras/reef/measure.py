@@ -25,8 +25,11 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
+from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.files import csv_tables
 from stereo_seecolor.geometry import estimated_range_std_m
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m
 from stereo_seecolor.report.kept_measures import KeptMeasures, read_kept_measures
@@ -35,7 +38,7 @@ from stereo_seecolor.report.measure_limits import LIMITS
 from stereo_seecolor.report.range_code import std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.layout import MAP, TERRAIN
-from stereo_seecolor.run_folder.posed_run import open_posed_run
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
@@ -109,8 +112,10 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     wanted = read_wanted(points)
     surfaces: dict[str, FrameSurface] = {}
     ground = ground_of(run) if any(not each.frame for each in wanted) else None
-    outlined = any(not each.frame and each.kind == "area" for each in wanted)
-    correlation_m = open_posed_run(out).correlation_m if outlined else 0.0
+    correlation_m = 0.0
+    if ground is not None and any(not each.frame and each.kind == "area" for each in wanted):
+        posed = open_posed_run(out)
+        correlation_m, ground = posed.correlation_m, with_sides(ground, read_mesh(out), posed)
     results, calibration = [], calibration_std(run).total
     for each in wanted:
         if not each.frame and ground is not None:
@@ -160,6 +165,18 @@ def ground_of(run: FinishedRun) -> Ground:
         about["north_m"],
         about["pixel_m"],
         std_m if np.isfinite(std_m) else 0.0,
+    )
+
+
+def with_sides(ground: Ground, mesh: SiteMesh, posed: PosedRun) -> Ground:
+    """The ground of a map in its world, with the sides that its mesh holds."""
+    east_m, north_m, _ = posed.offset_m
+    heights = ground.heights_m.astype(np.float64)
+    grid = Grid(
+        ground.west_m - east_m, ground.north_m - north_m, ground.cell_m, ground.heights_m.shape
+    )
+    return replace(
+        ground, sides=sides_seen(heights, mesh.area_over(grid), ground.cell_m, ground.gap_m)
     )
 
 

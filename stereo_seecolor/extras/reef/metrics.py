@@ -57,6 +57,7 @@ def metrics(
         range_std_m,
         CLICK_PX * site.posed.map.cell_m["mosaic_m"],
         calibration_std(run).total,
+        site.posed.correlation_m,
     )
     colonies = tuple(colony for colony in measured if colony is not None)
     seen = on_map(labelled, terrain.height_m, terrain.grid)

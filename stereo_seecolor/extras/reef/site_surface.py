@@ -10,6 +10,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.geometry import scale_of, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.sides import area_over
 from stereo_seecolor.run_folder.layout import MAP, MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
@@ -47,11 +48,7 @@ class SiteMesh:
 
     def area_over(self, grid: Grid) -> Array:
         """(H, W) square meters of mesh over, and below, each cell."""
-        column, row = np.rint(grid.pixels(self.triangle_centers_m)).astype(np.int64).T
-        height, width = grid.shape
-        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        cell, area_m2 = row[inside] * width + column[inside], self.triangle_areas_m2[inside]
-        return np.asarray(np.bincount(cell, area_m2, height * width).reshape(height, width))
+        return area_over(self.points_m, self.triangles, grid)
 
 
 def read_mesh(out: Path) -> SiteMesh:

@@ -74,48 +74,67 @@ class Smoothing:
         return np.asarray(fine * falls**steps)
 
 
-def corrected(
+def observed(
     measure: Callable[[Array], Array],
-    smoothing: Smoothing,
-    derive: Callable[[Array], Array],
     height_m: Array,
     noise_m: Array,
     correlation_cells: float,
     scale_cells: int = 1,
     draws: int = DRAWS,
-) -> tuple[Array, Array, Array]:
-    """Compute numbers of a terrain without its noise and at a stated scale.
+    seed: int = 0,
+) -> Array:
+    """Measure a terrain, or a part of one, with drawn errors: what ``corrected`` needs.
 
     Args:
         measure: heights (H, W) -> (K,), to which errors and scales add: squares of slopes and of
             ranges of heights.
-        smoothing: how these go with the scale.
-        derive: (K,) -> (M,), the numbers.
         height_m: (H, W), NaN where unknown.
         noise_m: (H, W) standard errors of the heights. Cells where it is NaN stay as they are.
         correlation_cells: length over which errors are alike, in cells, which is also how finely
             matching resolves.
         scale_cells: edge of the cells that ``measure`` averages heights over, in cells.
         draws: of errors.
+        seed: of the draws: another one for each part of a terrain.
 
     Returns:
-        The numbers, their standard errors by the draws, and by how well the corrections are known:
-        (M,) each.
+        (1 + draws, 2, K): as mapped, then with each draw; as it is, and smoothed further.
     """
-    lost = np.hypot(CORRECTION_SETTINGS.of_match * correlation_cells, CORRECTION_SETTINGS.of_voxel)
-    resolved = float(np.sqrt(scale_cells**2 + CORRECTION_SETTINGS.steps * lost**2))
-    blur_cells = resolved * float(
+    blur_cells = _resolved(correlation_cells, scale_cells) * float(
         np.sqrt((CORRECTION_SETTINGS.smoother**2 - 1) / CORRECTION_SETTINGS.steps)
     )
 
     def both(heights: Array) -> Array:
         return np.array([measure(heights), measure(smoothed(heights, blur_cells))])
 
-    noises = _noises(noise_m, correlation_cells, draws // 2)
-    mapped = both(height_m)
+    noises = _noises(noise_m, correlation_cells, draws // 2, seed)
     # what is odd cancels
-    drawn = np.array([both(height_m + sign * noise) for noise in noises for sign in (1, -1)])
+    drawn = [both(height_m + sign * noise) for noise in noises for sign in (1, -1)]
+    return np.array([both(height_m), *drawn])
+
+
+def corrected(
+    found: Array,
+    smoothing: Smoothing,
+    derive: Callable[[Array], Array],
+    correlation_cells: float,
+    scale_cells: int = 1,
+) -> tuple[Array, Array, Array]:
+    """Compute numbers of a terrain without its noise and at a stated scale.
+
+    Args:
+        found: (1 + draws, 2, K) what ``observed`` measured, of one terrain or the means of parts.
+        smoothing: how these go with the scale.
+        derive: (K,) -> (M,), the numbers.
+        correlation_cells: as ``observed`` had it.
+        scale_cells: as ``observed`` had it.
+
+    Returns:
+        The numbers, their standard errors by the draws, and by how well the corrections are known:
+        (M,) each.
+    """
+    mapped, drawn = found[0], found[1:]
     fine, coarse = 2 * mapped - drawn.mean(axis=0)
+    resolved = _resolved(correlation_cells, scale_cells)
     sharp = smoothing.undone(fine, coarse, scale_cells, resolved)
     raw, smooth, values = derive(mapped[0]), derive(fine), derive(sharp)
     of_corrections = np.hypot(
@@ -124,6 +143,17 @@ def corrected(
     )
     by_draws = np.array([derive(draw) for draw in drawn[:, 0]]).std(axis=0, ddof=1)
     return values, by_draws, of_corrections
+
+
+def blur_reach(correlation_cells: float, scale_cells: int) -> int:
+    """Cells around a part of a terrain that ``observed`` smooths over."""
+    return int(np.ceil(3 * _resolved(correlation_cells, scale_cells)))
+
+
+def _resolved(correlation_cells: float, scale_cells: int) -> float:
+    """How many cells across is what matching and voxels leave of the finest detail."""
+    lost = np.hypot(CORRECTION_SETTINGS.of_match * correlation_cells, CORRECTION_SETTINGS.of_voxel)
+    return float(np.sqrt(scale_cells**2 + CORRECTION_SETTINGS.steps * lost**2))
 
 
 def noise_bias(
@@ -145,9 +175,9 @@ def spread_of(
     return np.asarray(np.array([measure(height_m + noise) for noise in noises]).std(axis=0, ddof=1))
 
 
-def _noises(std_m: Array, correlation_cells: float, count: int) -> Iterator[Array]:
+def _noises(std_m: Array, correlation_cells: float, count: int, seed: int = 0) -> Iterator[Array]:
     """Draws of errors (H, W) of heights; 0 where their standard error is unknown."""
-    rng, sigma = np.random.default_rng(0), correlation_cells / float(np.sqrt(2))
+    rng, sigma = np.random.default_rng(seed), correlation_cells / float(np.sqrt(2))
     return (_noise(std_m.shape, sigma, rng) * np.nan_to_num(std_m) for _ in range(count))
 
 
@@ -184,6 +214,10 @@ OF_RANGES = 0.2
 """What the standard error of a range in one frame adds: several are fused, and errors that
 neighbors do not share show in the roughness.
 """
+
+
+SHAPE_REACH_CELLS = RELIEF_CELLS + 1
+"""Cells around one that ``shape_stds`` looks at: those of roughness are fewer."""
 
 
 def height_stds(heights: Array, range_std_m: float) -> Array:

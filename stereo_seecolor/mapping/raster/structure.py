@@ -8,7 +8,7 @@ ranges and the logarithmic regression are those of the R package habtools (metho
 leveled: a slope counts as height, as it does there.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -21,6 +21,7 @@ from stereo_seecolor.mapping.raster.noise import (
     Smoothing,
     averaged,
     corrected,
+    observed,
     shape_stds,
 )
 from stereo_seecolor.mapping.raster.reef_metrics import (
@@ -199,86 +200,132 @@ class StructureAtScale:
     mapped: Numbers
 
 
+@dataclass(frozen=True, eq=False)
+class SitePart:
+    """A part of a site, or all of it, with the squares to be measured in it.
+
+    terrain: of the part. coarse: in the cells that are measured, ``cells`` of the terrain's across.
+    squares: by the edge, meters, windows of ``coarse``; those of an edge may be none.
+    """
+
+    terrain: Terrain
+    coarse: Terrain
+    cells: int
+    squares: dict[float, list[Window]]
+
+    def measured(self, heights: Array) -> Array:
+        """Sums over the squares, and of how many, of what ``_layout`` lists of each edge, one after
+        the other: (K,), of heights (H, W) of the part.
+        """
+        own, cell_m = averaged(heights, self.cells), self.coarse.grid.cell_m
+        sums = [_sums(own, cell_m, *each) for each in self.squares.items()]
+        return np.concatenate(sums)
+
+    def mapped(self, mesh_m2: Array) -> list[Array]:
+        """Of each edge, (N, 6) the numbers of its squares as the map has them."""
+        return [_with_mesh(self.coarse, mesh_m2, windows) for windows in self.squares.values()]
+
+    def extreme_variances(self) -> Array:
+        """(E,) sums over the squares of each edge of the variances of height ranges by what is
+        smoothed away at the highest and the lowest place of each (``height_stds``).
+        """
+        terrain, heights_m = self.terrain, self.coarse.height_m
+        shape_m = np.where(terrain.known, shape_stds(terrain.height_m), np.nan)
+        std_m = averaged(shape_m, self.cells)
+
+        def of_square(window: Window) -> float:
+            heights, own_m = heights_m[window].ravel(), std_m[window].ravel()
+            return float(
+                own_m[np.nanargmax(heights)] ** 2 + own_m[np.nanargmin(heights)] ** 2,
+            )
+
+        every = self.squares.values()
+        return np.array([sum(of_square(window) for window in windows) for windows in every])
+
+
 def structure(
     terrain: Terrain,
     errors: TerrainErrors,
     edges_m: Sequence[float] = EDGES_M,
     mesh_m2: Callable[[Grid], Array] | None = None,
 ) -> list[StructureAtScale]:
-    """Compute the structure at each scale of which the site holds a square: for ``metrics`` and,
-    of one edge, for the page.
+    """Compute the structure at each scale of which the site holds a square.
 
     mesh_m2: the area of mesh over each cell of a grid (H, W); without it the rugosity of the mesh
     is NaN.
     """
-    cells = resolved_cells(terrain, errors)
+    cells = resolved_cells(errors.correlation_m, terrain.grid.cell_m)
     coarse = terrain.averaged(cells)
-    squares, scale_m = squares_of(coarse, edges_m), coarse.grid.cell_m
+    squares = squares_of(coarse, edges_m)
     if not squares:
         return []
+    part = SitePart(terrain, coarse, cells, squares)
+    alike_cells = errors.correlation_m / terrain.grid.cell_m
+    found = observed(part.measured, terrain.height_m, errors.noise_m, alike_cells, cells, DRAWS)
+    area = mesh_m2(coarse.grid) if mesh_m2 else np.full(coarse.grid.shape, np.nan)
+    return structure_of(
+        tuple(squares),
+        coarse.grid.cell_m,
+        found,
+        part.mapped(area),
+        part.extreme_variances(),
+        alike_cells,
+        cells,
+    )
 
-    edges = [height_ranges(coarse.height_m[windows[0]], scale_m)[0] for windows in squares.values()]
+
+def structure_of(
+    edges_m: Sequence[float],
+    scale_m: float,
+    found: Array,
+    mapped: Sequence[Array],
+    extremes_m2: Array,
+    correlation_cells: float,
+    cells: int,
+) -> list[StructureAtScale]:
+    """The structure at each of the edges (E of them) from what was measured of a site, or of all of
+    its parts together.
+
+    Args:
+        edges_m: of squares, of each of which there is at least one.
+        scale_m: edge of the measured cells.
+        found: (1 + DRAWS, 2, K) ``observed`` of ``SitePart.measured``, the sum over the parts.
+        mapped: of each edge, ``SitePart.mapped``.
+        extremes_m2: (E,) ``SitePart.extreme_variances``, the sum over the parts.
+        correlation_cells: length over which errors of heights are alike.
+        cells: of the terrain in a measured one.
+    """
+    edges = [_edges_of_ranges(edge_m, scale_m) for edge_m in edges_m]
     ends = np.cumsum([len(each) + 3 for each in edges])[:-1]
+    squared = np.concatenate(
+        [_squared(each) for each in np.split(found, 2 * ends, axis=-1)], axis=-1
+    )
 
-    def measure(heights: Array) -> Array:
-        own = averaged(heights, cells)
-        return np.concatenate([_squared(own, scale_m, windows) for windows in squares.values()])
-
-    def derive(squared: Array) -> Array:
+    def derive(of_all: Array) -> Array:
         return np.concatenate(
-            [_derived(each, own) for each, own in zip(edges, np.split(squared, ends), strict=True)]
+            [_derived(each, own) for each, own in zip(edges, np.split(of_all, ends), strict=True)]
         )
 
-    values, *parts = corrected(
-        measure,
-        Smoothing(
-            np.concatenate([[1, HORN_CELLS, 1, *np.ones(len(own))] for own in edges]),
-            np.concatenate([[False, False, True, *np.ones(len(own), bool)] for own in edges]),
-        ),
-        derive,
-        terrain.height_m,
-        errors.noise_m,
-        errors.correlation_m / terrain.grid.cell_m,
-        cells,
-        DRAWS,
+    smoothing = Smoothing(
+        np.concatenate([[1, HORN_CELLS, 1, *np.ones(len(own))] for own in edges]),
+        np.concatenate([[False, False, True, *np.ones(len(own), bool)] for own in edges]),
     )
-    values, by_draws, of_corrections = (each.reshape(len(squares), -1) for each in (values, *parts))
-    counts = np.array([len(windows) for windows in squares.values()])[:, None]
-    alike = np.sqrt(SHARED + (1 - SHARED) / counts)
+    values, *parts = corrected(squared, smoothing, derive, correlation_cells, cells)
+    values, by_draws, of_corrections = (each.reshape(len(edges), -1) for each in (values, *parts))
+    counts = np.array([len(each) for each in mapped])
+    alike = np.sqrt(SHARED + (1 - SHARED) / counts[:, None])
     fits = [
         dimension_std(e, np.sqrt(each[3:]))
-        for e, each in zip(edges, np.split(measure(terrain.height_m), ends), strict=True)
+        for e, each in zip(edges, np.split(squared[0, 0], ends), strict=True)
     ]
     of_corrections[:, 2] = np.hypot(of_corrections[:, 2], fits)
     stds = np.hypot(by_draws, alike * of_corrections)
     values[:, 2] = np.where(np.isfinite(stds[:, 2]), values[:, 2], np.nan)
-    extremes = _extreme_stds(terrain, coarse, cells, squares)
-    stds[:, RANGE] = np.hypot(stds[:, RANGE], extremes)
-    area = mesh_m2(coarse.grid) if mesh_m2 else np.full(coarse.grid.shape, np.nan)
+    stds[:, RANGE] = np.hypot(stds[:, RANGE], OF_EXTREMES * np.sqrt(extremes_m2) / counts)
     return [
-        _summary(edge_m, scale_m, _with_mesh(coarse, area, windows), value, std)
-        for (edge_m, windows), value, std in zip(squares.items(), values, stds, strict=True)
+        _summary(edge_m, scale_m, own, value, std)
+        for edge_m, own, value, std in zip(edges_m, mapped, values, stds, strict=True)
     ]
-
-
-def _extreme_stds(
-    terrain: Terrain, coarse: Terrain, cells: int, squares: dict[float, list[Window]]
-) -> Array:
-    """(E,) standard errors of the mean height range of the squares of each edge, by what is
-    smoothed away at the highest and the lowest place of each (``height_stds``).
-    """
-    std_m = averaged(np.where(terrain.known, shape_stds(terrain.height_m), np.nan), cells)
-
-    def of_square(window: Window) -> float:
-        heights, own_m = coarse.height_m[window].ravel(), std_m[window].ravel()
-        return float(np.hypot(own_m[np.nanargmax(heights)], own_m[np.nanargmin(heights)]))
-
-    return OF_EXTREMES * np.array(
-        [
-            np.linalg.norm([of_square(window) for window in windows]) / len(windows)
-            for windows in squares.values()
-        ]
-    )
 
 
 def _summary(
@@ -300,9 +347,11 @@ def _summary(
     )
 
 
-def resolved_cells(terrain: Terrain, errors: TerrainErrors) -> int:
-    """Cells of the terrain in one that is as coarse as what matching resolves."""
-    return max(1, int(np.ceil(errors.correlation_m / terrain.grid.cell_m - 1e-6)))
+def resolved_cells(correlation_m: float, cell_m: float) -> int:
+    """Cells of a terrain in one that is as coarse as what matching resolves. correlation_m: over
+    which errors of heights are alike.
+    """
+    return max(1, int(np.ceil(correlation_m / cell_m - 1e-6)))
 
 
 def numbers_of(heights: Array, cell_m: float, windows: list[Window]) -> Array:
@@ -315,21 +364,34 @@ def numbers_of(heights: Array, cell_m: float, windows: list[Window]) -> Array:
     )
 
 
-def _squared(heights: Array, cell_m: float, windows: list[Window]) -> Array:
-    """(3 + K,) what errors add to: squared slopes, ruggedness, squared slopes of the finest height
-    ranges, squared height ranges of K edges; means over the squares.
+def _edges_of_ranges(edge_m: float, cell_m: float) -> Array:
+    """Edges of the squares whose height ranges are measured in squares of an edge."""
+    size = round(edge_m / cell_m)
+    return height_ranges(np.full((size, size), np.nan), cell_m)[0]
+
+
+def _sums(heights: Array, cell_m: float, edge_m: float, windows: list[Window]) -> Array:
+    """(2 (3 + K),) sums over the squares of an edge of their rugosity, ruggedness, rugosity by
+    height ranges and height ranges of K edges; then of how many squares each is known.
     """
-    parts = [heights[w] for w in windows]
-    measured = [height_ranges(part, cell_m) for part in parts]
-    of_ranges = [rugosity_hvar(*each) for each in measured]
-    return np.array(
-        [
-            np.mean([surface_rugosity(part, cell_m) for part in parts]) ** 2 - 1,
-            np.mean([vector_ruggedness(part, cell_m) for part in parts]),
-            np.nanmean(of_ranges) ** 2 - 1,
-            *np.nanmean([ranges_m for _, ranges_m in measured], axis=0) ** 2,
-        ]
-    )
+    found = np.full((len(windows), 3 + len(_edges_of_ranges(edge_m, cell_m))), np.nan)
+    for row, window in zip(found, windows, strict=True):
+        part = heights[window]
+        edges_m, ranges_m = height_ranges(part, cell_m)
+        row[:2] = surface_rugosity(part, cell_m), vector_ruggedness(part, cell_m)
+        row[2], row[3:] = rugosity_hvar(edges_m, ranges_m), ranges_m
+    return np.concatenate([np.nansum(found, axis=0), np.isfinite(found).sum(axis=0)])
+
+
+def _squared(sums: Array) -> Array:
+    """(..., 3 + K) what errors add to, from ``_sums`` (..., 2 (3 + K)): squared slopes, ruggedness,
+    squared slopes of the finest height ranges, squared height ranges; of means over the squares.
+    """
+    total, count = np.split(sums, 2, axis=-1)
+    means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    means[..., [0, 2]] = means[..., [0, 2]] ** 2 - 1
+    means[..., 3:] **= 2
+    return means
 
 
 def _derived(edges_m: Array, squared: Array) -> Array:
@@ -355,17 +417,34 @@ def squares_of(terrain: Terrain, edges_m: Sequence[float] = EDGES_M) -> dict[flo
     """By the edge, meters, the squares that were seen well enough; edges without one are left
     out.
     """
-    return {edge_m: windows for edge_m in edges_m if (windows := list(_windows(terrain, edge_m)))}
+    found = {edge_m: windows_of(terrain.known, terrain.grid.cell_m, edge_m) for edge_m in edges_m}
+    return {edge_m: windows for edge_m, windows in found.items() if windows}
 
 
-def _windows(terrain: Terrain, edge_m: float) -> Iterator[Window]:
-    """The squares of an edge that were seen well enough, from the terrain's north-west corner."""
-    size = round(edge_m / terrain.grid.cell_m)
+def windows_of(
+    known: NDArray[np.bool_],
+    cell_m: float,
+    edge_m: float,
+    first: tuple[int, int] = (0, 0),
+    own: Window | None = None,
+) -> list[Window]:
+    """The squares of an edge that were seen well enough, counted from a terrain's north-west
+    corner.
+
+    known: (H, W) of the terrain or of a part of it. first: row and column of the part's first cell
+    in the terrain. own: only squares whose first cell lies there, in cells of the part.
+    """
+    size = round(edge_m / cell_m)
     if size < FEWEST_CELLS:
-        return
-    height, width = terrain.grid.shape
-    for row in range(0, height - size + 1, size):
-        for column in range(0, width - size + 1, size):
-            window = slice(row, row + size), slice(column, column + size)
-            if terrain.known[window].mean() > MIN_COVERAGE:
-                yield window
+        return []
+    within = own or (slice(0, known.shape[0]), slice(0, known.shape[1]))
+    rows, columns = (
+        range(each.start + (-start - each.start) % size, min(each.stop, length - size + 1), size)
+        for each, start, length in zip(within, first, known.shape, strict=True)
+    )
+    return [
+        (slice(row, row + size), slice(column, column + size))
+        for row in rows
+        for column in columns
+        if known[row : row + size, column : column + size].mean() > MIN_COVERAGE
+    ]

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +44,13 @@ const given = JSON.parse(readFileSync(0, "utf8"));
 const known = (values) => Float32Array.from(values, (each) => (each === null ? NaN : each));
 const ranges = { ...given.ranges, range_m: known(given.ranges.range_m), std_m: known(given.ranges.std_m) };
 const at = ([x, y]) => pick(ranges, given.pair, x, y);
-const { rows, columns, cell_m, heights, std_m } = given.ground;
+const { rows, columns, cell_m, heights, sides, std_m } = given.ground;
 const place = {
   place: { pixel_m: cell_m },
   cell: (x, y) => [x / cell_m - 0.5, (rows * cell_m - y) / cell_m - 0.5],
   center: (c, r) => [(c + 0.5) * cell_m, rows * cell_m - (r + 0.5) * cell_m],
   at: (c, r) => (c < 0 || r < 0 || c >= columns || r >= rows ? NaN : heights[r * columns + c] ?? NaN),
+  side: (c, r) => sides[r * columns + c],
 };
 const ground = new Ground(place, std_m);
 const spots = given.corners.map(([x, y]) => ground.pick(x, y, null, 0.002));
@@ -81,7 +83,8 @@ def reef() -> Ground:
         40 * x
     ) * np.cos(30 * y)
     heights[30:38, 5:20] = np.nan
-    return Ground(heights, 0.0, 1.0, 0.02, 0.004)
+    sides = x > 0.5  # were seen on one half
+    return Ground(heights, 0.0, 1.0, 0.02, 0.004, sides)
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +115,7 @@ def page(web: Path) -> dict:
         "columns": 50,
         "cell_m": 0.02,
         "heights": ground.heights_m.ravel().tolist(),
+        "sides": np.asarray(ground.sides).ravel().tolist(),
         "std_m": ground.std_m,
     }
     given = {
@@ -185,6 +189,9 @@ def test_a_volume_on_the_map_is_the_same(page: dict) -> None:
         spots = [spot for corner in outline if (spot := ground.pick(*corner, None, 0.002))]
         found.append(volume_above(ground, spots, CORRELATION_M))
     assert found[0] is not None and found[1] is not None
+    unseen = [spot for corner in OUTLINES[0] if (spot := ground.pick(*corner, None, 0.002))]
+    without = volume_above(replace(ground, sides=None), unseen, CORRELATION_M)
+    assert without is not None and without.std > 1.2 * found[0].std
     for volume, shown in zip(found, page["volumes"], strict=True):
         assert shown == (
             volume

@@ -21,6 +21,7 @@ from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.reef.colony import Colony, ColonySize, measure_outlines
 from stereo_seecolor.extras.reef.cover import cover
+from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.metrics import metrics
@@ -30,6 +31,7 @@ from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.mapping.raster.structure import (
     Numbers,
     mean_height_range,
@@ -196,6 +198,32 @@ def test_the_volume_of_a_table_may_be_empty_below_where_its_sides_were_not_seen(
     assert table_std_l == pytest.approx(table_l / np.sqrt(3), rel=0.2)
 
 
+@pytest.mark.parametrize("shape", ["dome", "drum", "table"])
+def test_a_volume_and_its_error_are_those_of_the_page(shape: str) -> None:
+    """As ``measure`` and the page state them, with the sides that the mesh holds; of each shape
+    other parts of the standard error count most.
+    """
+    mesh = mesh_of({"dome": dome}.get(shape, drum))
+    if shape == "table":
+        heights = mesh.points_m[:, 2][mesh.triangles]
+        mesh = replace(mesh, triangles=mesh.triangles[np.ptp(heights, axis=1) < 0.1])
+    terrain, errors = site(mesh, std_m=0.002)
+    outline = circle(0.155)
+    (colony,) = measure_outlines([outline], mesh, terrain, errors, 0.002, 0.003, 0.005, 0.02)
+    grid = terrain.grid
+    bare = Ground(
+        terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, 0.002
+    )
+    sides = sides_seen(terrain.height_m, mesh.area_over(grid), grid.cell_m, bare.gap_m)
+    ground = replace(bare, sides=sides)
+    corners = outline.rings[0].tolist()
+    spots = [spot for x, y in corners if (spot := ground.pick(x, y, None, 0.003))]
+    volume = volume_above(ground, spots, 0.02)
+    assert colony is not None and volume is not None
+    assert colony.measured.volume_l == pytest.approx(volume.value, rel=1e-9)
+    assert colony.standard_error.volume_l == pytest.approx(volume.total_std(0.005), rel=1e-9)
+
+
 def test_areas_of_an_outline_have_the_errors_of_its_corners_and_of_the_calibration() -> None:
     """As the page and ``measure`` state them of the same outline."""
     mesh = mesh_of(lambda x, y: 0.3 * x)
@@ -250,7 +278,7 @@ def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
         )
         mesh = SiteMesh(noisy, clean.normals, clean.color, clean.triangles)
         terrain, errors = site(mesh, 0.004, correlation_m=0.0)
-        (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, STD_M)
+        (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors, 0.004)
         assert colony is not None
         found.append((colony.measured.volume_l, colony.standard_error.volume_l))
     volumes, said = np.array(found).T
