@@ -13,6 +13,7 @@ of each is in the standard error.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -187,13 +188,18 @@ def averaged(heights: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
     """
     if cells == 1:
         return heights
-    rows, columns = (n // cells for n in heights.shape[-2:])
-    whole = heights[..., : rows * cells, : columns * cells]
-    blocks = whole.reshape(*heights.shape[:-2], rows, cells, columns, cells)
-    known = np.isfinite(blocks)
-    count = known.sum(axis=(-3, -1))
-    total = np.where(known, blocks, 0).sum(axis=(-3, -1))
-    return np.where(count >= 0.5 * cells**2, total / np.maximum(count, 1), np.nan)
+    rows, columns = (n // cells * cells for n in heights.shape[-2:])
+    whole = heights[..., :rows, :columns]
+    known = np.isfinite(whole)
+    count = _block_sums(known.astype(np.float64), cells)
+    mean = _block_sums(np.where(known, whole, 0), cells) / np.maximum(count, 1)
+    return np.where(count >= 0.5 * cells**2, mean, np.nan)
+
+
+def _block_sums(values: Array, cells: int) -> Array:
+    """Sums of blocks of cells x cells: a third of the time of a sum over axes of so few."""
+    strips = reduce(np.add, [values[..., k::cells, :] for k in range(cells)])
+    return reduce(np.add, [strips[..., k::cells] for k in range(cells)])
 
 
 ROUGH_CELLS, ROUGH_OVER_CELLS = 2, 4
