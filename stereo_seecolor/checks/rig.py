@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
@@ -47,8 +48,11 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
     # of pairs that are not as large as calibrated: the run names them
     with suppress(CalibrationError):
         seen = readable(evenly_spaced(pairs, LOOKED_AT), pipeline.config.input)
-        looks = [(pair, quick_check(pipeline.rectification, both)) for pair, both in seen]
-        looks = [(pair, look) for pair, look in looks if look.range_m.size]
+        threads = matching_threads(pipeline.rectification.raw_size)
+        checked = threads.each(
+            lambda one: (one[0], quick_check(pipeline.rectification, one[1])), seen
+        )
+        looks = [(pair, look) for pair, look in checked if look.range_m.size]
         if change.is_rigid and looks and all(look.rows_agree for _, look in looks):
             pair, first = looks[0]
             limits = range_limits(first.range_m, pipeline.config.matching)
@@ -119,7 +123,11 @@ class JudgedRig:
         if self.rows is None or self.refusal or self.rows.change or self.rows.swapped:
             return self
         rectification = Rectification.from_rig(rig)
-        couples = list(find_couples(rectification, neighbors(pairs, images)))
+        threads = matching_threads(rectification.raw_size)
+        found_in = threads.each(
+            lambda near: list(find_couples(rectification, [near])), neighbors(pairs, images)
+        )
+        couples = list(chain.from_iterable(found_in))
         motion = motion_of(couples, rectification.matching_pair)
         causes = self.rows.causes
         if motion.is_known or motion.is_found:
