@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
@@ -247,23 +248,28 @@ def _level(
     (3,): of cubes of all levels, so that those of a coarser one contain whole ones of a finer one.
     """
     folder.mkdir(parents=True)
-    boxes: dict[Place, Floats] = {}
-    count, south_west = 0, corner_m[:2].astype(np.float32)
-    for place in sorted(places):
+    south_west, around_m = corner_m[:2].astype(np.float32), AROUND_CELLS * cell_m
+
+    def tile(place: Place) -> tuple[Place, Floats, int] | None:
         low_m, high_m = _bounds(south_west, place, edge_m)
-        around_m = AROUND_CELLS * cell_m
         part = finer.within(low_m - around_m, high_m + around_m)
         if isinstance(finer, Level):
             part = cluster_vertices(part, cell_m, corner_m)
         triangles = closed(part.points_m, part.triangles, cell_m)
         rim = rim_of(triangles, len(part.points_m))
         part = part._replace(triangles=triangles, rim=rim)
-        part = part.of(_inside(part.middles_m, low_m, high_m))
-        if len(part.triangles):
-            middles = part.middles_m
-            boxes[place] = np.concatenate([middles.min(axis=0), middles.max(axis=0)])
-            count += len(part.triangles)
-            write_arrays(_path(folder, place), part)
+        middles = part.middles_m
+        inside = _inside(middles, low_m, high_m)
+        if not inside.any():
+            return None
+        write_arrays(_path(folder, place), part.of(inside))
+        middles = middles[inside]
+        box = np.concatenate([middles.min(axis=0), middles.max(axis=0)])
+        return place, box, len(middles)
+
+    made = [each for each in Threads(cores()).each(tile, sorted(places)) if each]
+    boxes = {place: box for place, box, _ in made}
+    count = sum(triangles for *_, triangles in made)
     return Level(cell_m, south_west, edge_m, folder, boxes, count)
 
 
