@@ -82,6 +82,7 @@ def test_a_fault_is_named_with_what_it_does_to_ranges(
     assert found.is_wrong == (named not in (PITCH, ACROSS))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "named"),
     [

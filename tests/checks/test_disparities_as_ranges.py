@@ -73,6 +73,7 @@ def test_sixteenths_of_a_pixel_are_disparities_in_any_water(tmp_path: Path) -> N
     assert "whole numbers of 1/16 of a pixel" in note
 
 
+@pytest.mark.slow
 def test_correct_ends_with_code_3(cli, tmp_path: Path) -> None:
     folder(tmp_path, CLEAR, np.round(DISPARITY_PX * 16).astype(np.uint16), VEIL)
     words = ["--images", tmp_path / "images", "--range", tmp_path / "maps"]

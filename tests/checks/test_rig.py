@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from small_dives import write_short_reef
 
 from calibration import StereoRig
 from calibration.formats import load_rig
@@ -42,24 +43,20 @@ def test_a_run_names_rows_that_check_would_not_accept(by_px: float, said: bool) 
 @pytest.mark.slow
 def test_a_run_refuses_rectified_images_with_the_raw_calibration(cli, tmp_path: Path) -> None:
     """Ranges would be wrong by a third, and the rows can be refined until they agree."""
-    for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-        for image in sorted((REEF / side).iterdir())[:3]:
-            (tmp_path / side / image.name).symlink_to(image)
+    write_short_reef(tmp_path, range(3))
+    calib = tmp_path / "cam.yaml"
     words = [f"--{side}={tmp_path / side}" for side in ("left", "right")]
-    assert cli("rectify", *words, "--calib", REEF / "cam.yaml", "--out", tmp_path / "flat")[0] == 0
+    assert cli("rectify", *words, "--calib", calib, "--out", tmp_path / "flat")[0] == 0
     sides = [f"--{side}={tmp_path / 'flat' / f'rectified_{side}'}" for side in ("left", "right")]
     for more in ((), ("--refine",)):
-        code, _, said = cli(
-            "run", *sides, "--calib", REEF / "cam.yaml", "--out", tmp_path / "out", *more
-        )
+        code, _, said = cli("run", *sides, "--calib", calib, "--out", tmp_path / "out", *more)
         assert code == 1
         assert "the images are rectified already" in said.splitlines()[-1]
     code, printed, _ = cli(
         "inspect",
         tmp_path / "flat" / "rectified_left",
         tmp_path / "flat" / "rectified_right",
-        REEF / "cam.yaml",
+        calib,
     )
     assert code == 3
     assert (
@@ -74,11 +71,9 @@ def test_a_run_refuses_rectified_images_with_the_raw_calibration(cli, tmp_path: 
 def test_one_cameras_pictures_on_both_sides_are_refused(
     quality: int | None, cli, tmp_path: Path
 ) -> None:
-    for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-    for image in sorted((REEF / "left").iterdir())[:3]:
+    write_short_reef(tmp_path, range(3))
+    for image in (tmp_path / "left").iterdir():
         pixels = cv2.imread(str(image))
-        cv2.imwrite(str(tmp_path / "left" / image.name), pixels)
         again = (
             pixels
             if quality is None
@@ -89,7 +84,7 @@ def test_one_cameras_pictures_on_both_sides_are_refused(
         cv2.imwrite(str(tmp_path / "right" / image.name), again)
     words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [
         "--calib",
-        str(REEF / "cam.yaml"),
+        str(tmp_path / "cam.yaml"),
     ]
     for command, expected in (
         (["run", *words, "--out", str(tmp_path / "out")], 1),
@@ -98,7 +93,8 @@ def test_one_cameras_pictures_on_both_sides_are_refused(
         code, printed, said = cli(*command)
         assert code == expected
         assert "both sides show one camera's picture" in printed + said
-    assert cli("inspect", tmp_path / "left", tmp_path / "right", REEF / "cam.yaml")[0] == 3
+    sides = (tmp_path / "left", tmp_path / "right")
+    assert cli("inspect", *sides, tmp_path / "cam.yaml")[0] == 3
 
 
 @pytest.mark.slow

@@ -4,14 +4,13 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import RunConfig
-
-REEF = Path(__file__).resolve().parents[2] / "data_samples" / "reef"
 
 
 def save(path: Path, source: Path, tag: int, turned: bool = False) -> None:
@@ -25,11 +24,12 @@ def save(path: Path, source: Path, tag: int, turned: bool = False) -> None:
 def dive(tmp_path: Path):
     def make(tags: dict[str, dict[int, int]], upright: bool = False) -> Path:
         """Six pairs. tags: side -> number -> tag. upright: pixels are turned to look as before."""
+        write_short_reef(tmp_path, range(6))
         for side in ("left", "right"):
-            (tmp_path / side).mkdir()
-            for number, source in enumerate(sorted((REEF / side).iterdir())[:6]):
+            for number, source in enumerate(sorted((tmp_path / side).iterdir())):
                 tag = tags.get(side, {}).get(number, 1)
                 save(tmp_path / side / f"{number}.jpg", source, tag, upright and tag == 3)
+                source.unlink()
         return tmp_path
 
     return make
@@ -48,7 +48,7 @@ def test_pairs_turned_by_their_tag_are_named_and_left_out(dive, tags, first: str
     root = dive(tags)
     images = RunConfig().input
     pairs = pairs_of(root / "left", root / "right", images).pairs
-    found = find_change(Rectification.from_rig(load_rig(REEF / "cam.yaml")), pairs, images)
+    found = find_change(Rectification.from_rig(load_rig(root / "cam.yaml")), pairs, images)
     assert first in found.line
     assert found.is_rigid
     numbers = {number for side in tags.values() for number in side}
@@ -60,7 +60,7 @@ def test_pixels_that_were_stored_as_their_tag_says_are_no_fault(dive) -> None:
     root = dive({"right": {2: 3, 3: 3}}, upright=True)
     images = RunConfig().input
     pairs = pairs_of(root / "left", root / "right", images).pairs
-    found = find_change(Rectification.from_rig(load_rig(REEF / "cam.yaml")), pairs, images)
+    found = find_change(Rectification.from_rig(load_rig(root / "cam.yaml")), pairs, images)
     assert (found.line, found.odd) == ("", frozenset())
 
 
@@ -71,8 +71,8 @@ def test_check_names_turned_frames_and_ends_with_code_3(by_tag: bool, dive, cli)
     if not by_tag:  # by a quarter, in the pixels
         path = root / "right" / "2.jpg"
         Image.open(path).transpose(Image.Transpose.ROTATE_90).save(path)
-    words = ["--left", root / "left", "--right", root / "right", "--calib", REEF / "cam.yaml"]
+    words = ["--left", root / "left", "--right", root / "right", "--calib", root / "cam.yaml"]
     code, printed, _ = cli("check", *words)
-    named = "EXIF Orientation is 3" if by_tag else "2: the right image is 448x576 px"
+    named = "EXIF Orientation is 3" if by_tag else "2: the right image is 224x288 px"
     assert code == 3
     assert named in " ".join(printed.split())

@@ -146,6 +146,7 @@ def test_a_log_file_that_is_none(cli: Cli, tmp_path: Path, name: str, message: s
     assert (tmp_path / "cam.yaml").read_text() == "version: 1\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no disk is full at will")
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_log_on_a_full_disk_is_named_once(make_dive, cli: Cli, as_json: bool) -> None:

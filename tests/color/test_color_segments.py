@@ -149,6 +149,7 @@ def water_of(frames):
     return fitter.waters()["0"]
 
 
+@pytest.mark.slow
 def test_a_fish_over_half_of_some_frames_does_not_move_the_colors_of_the_dive():
     """Red over green is compared: what all channels lose alike is brightness."""
     without, with_fish = (
@@ -181,6 +182,7 @@ def test_the_errors_of_a_water_by_its_parts_are_the_spread_of_dives():
     assert (ratio < 2.0).all()
 
 
+@pytest.mark.slow
 def test_blocks_that_enlarge_one_error_of_the_white_point_leave_none_of_its_ratios_smaller():
     """Errors of red, green and blue over their mean hold those of ratios: each cannot be enlarged
     for itself (on frames of a real dive red over green had 27 %, and blue over green 0 %).

@@ -182,6 +182,7 @@ def test_real_water_is_told_from_real_bottoms(real_data: Path) -> None:
         assert textured_fraction(water.copy()) < 0.1
 
 
+@pytest.mark.slow
 def test_rows_that_are_off_are_named_before_another_scene() -> None:
     left = reef(0)
     right = np.roll(left, (5, -9), axis=(0, 1))

@@ -5,18 +5,17 @@ reef's known truth.
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from conftest import Cli, Dive
+from conftest import Cli, CopyRun
 
 from calibration import RectifiedPair
-from stereo_seecolor.commands.run import range_maps, run
-from stereo_seecolor.config.file import load_config
+from stereo_seecolor.commands.run import range_maps
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
@@ -168,6 +167,7 @@ def test_what_crosses_a_step_carries_it() -> None:
     assert over.std > 0.1 * 0.3 > 5 * level.std
 
 
+@pytest.mark.slow
 def test_the_noise_of_slopes_adds_nothing_to_an_area() -> None:
     """A level wall with the noise of matching, alike over 2 pixels."""
     rng, areas = np.random.default_rng(5), []
@@ -258,6 +258,7 @@ def test_a_length_along_the_map_puts_back_what_is_smoothed_away() -> None:
         assert (added_m > 0.005) is longer and found.std >= added_m / 2
 
 
+@pytest.mark.slow
 def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
     terrain = Ground(slope(east=0.5).heights_m, 5.0, 3.0, 0.01, 0.004)
     (spot,) = spots(terrain, (5.5, 2.5))
@@ -299,6 +300,7 @@ def bump_on_a_slope() -> tuple[Ground, list[Spot]]:
     ]
 
 
+@pytest.mark.slow
 def test_a_volume_is_that_of_a_paraboloid_and_its_error_that_of_heights() -> None:
     ground, spots = bump_on_a_slope()
     volume = volume_above(ground, spots, ALIKE_M)
@@ -469,16 +471,8 @@ def test_an_end_beside_a_nearer_thing_is_at_a_step_and_no_length() -> None:
 
 
 @pytest.fixture
-def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
-    dive = make_dive(2)
-    run(
-        dive.root / "L",
-        dive.root / "R",
-        dive.root / "cam.yaml",
-        tmp_path / "out",
-        load_config(None, []),
-    )
-    return tmp_path / "out"
+def out(copy_run: CopyRun, tmp_path: Path) -> Path:
+    return copy_run(tmp_path / "out", 2)
 
 
 def table(path: Path, *rows: str) -> Path:
