@@ -14,7 +14,8 @@ from stereo_seecolor.report.range_code import deflated, text
 class MeshSizes:
     """Sizes of tiles and steps of the packed numbers."""
 
-    first_triangles: int = 100_000  # of the coarsest level: 0.7 MB, drawn at once by any computer
+    # of the coarsest level: drawn thirty times a second without a graphics card
+    first_triangles: int = 30_000
     tile_triangles: int = 150_000  # loaded in a tenth of a second
     # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
     steps_per_voxel: int = 16

@@ -54,7 +54,7 @@ export class Cover {
       element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...heads)), this.rows)),
       element("div", { class: "toolbar" }, button(text("cover.json"), () => save("measures.json", measures.json())), button(text("cover.csv"), () => save("cover_points.csv", this.csv())), ...(about.mosaic ? [button(text("cover.save_coralnet"), () => save("coralnet_points.csv", writePoints(this.points.list, about)))] : []), this.fileField()),
       this.problem,
-      element("p", { class: "hint" }, text("measure.json_hint")),
+      element("p", { class: "hint" }, text("cover.json_hint")),
     );
     this.bar.append(
       element("div", { class: "toolbar" }, this.label, names, button(text("measure.undo"), () => this.move(() => this.points.back()), { "aria-label": text("cover.back") }), this.said),

@@ -104,7 +104,7 @@ export class Detail {
     this.clock++;
     const wanted = new Map<string, number>();
     this.drawn = new Set<string>();
-    const filling = new Set<string>(); // between pieces of two levels are cracks: what is one level coarser shows there
+    const parents = new Map<string, string>();
     const eye = camera.position;
     camera.updateMatrixWorld();
     const sight = new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
@@ -126,12 +126,14 @@ export class Detail {
         }
       }
       this.drawn.add(name);
-      if (parent) filling.add(parent);
+      if (parent) parents.set(name, parent);
     };
     for (const root of this.roots) {
       if (this.parts.has(root)) visit(root, "");
       else wanted.set(root, Infinity);
     }
+    // between pieces of two levels are cracks: what is one level coarser than the finer one shows there
+    const filling = new Set([...parents].filter(([name]) => this.isBesideCoarser(name)).map(([, parent]) => parent));
     for (const [name, part] of this.parts) {
       const drawn = this.drawn.has(name);
       part.visible = drawn || filling.has(name);
@@ -143,6 +145,13 @@ export class Detail {
     const room = AT_ONCE - this.loading.size;
     const next = [...wanted].filter(([name]) => !this.loading.has(name)).sort((a, b) => b[1] - a[1]);
     for (const [name] of next.slice(0, Math.max(room, 0))) if (this.hasRoom(name)) void this.load(name);
+  }
+
+  /** Whether a drawn piece touches one of a coarser level. */
+  private isBesideCoarser(name: string): boolean {
+    const { cell_m } = this.pieces[name];
+    const around = (this.boxes.get(name) as Box3).clone().expandByScalar(cell_m);
+    return [...this.drawn].some((other) => this.pieces[other].cell_m > cell_m && around.intersectsBox(this.boxes.get(other) as Box3));
   }
 
   /** So much farther away is a piece that fills cracks, that its coarser surface does not show through the finer one. */

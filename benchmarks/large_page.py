@@ -1,0 +1,287 @@
+"""How a browser shows a map of many frames.
+
+    python benchmarks/large_page.py OUT FOLDER --frames 2400 [--written 3]
+
+OUT is a run with a map and its page, of which the pieces are repeated side by side: what is
+measured is the page's own program with as many pieces, of the same sizes and in the same tree, as a
+map of that many frames has. Coarser pieces above the repeated ones have the triangles of OUT's
+coarsest one, stretched. All pieces are listed; the files of the finer ones, with the images on
+them, are written only for so many copies around the middle (--written), where the view goes. FOLDER
+is new, for the page.
+
+Prints, of Chromium without a graphics card in a window of 1280x800: seconds to the first picture
+and until all is loaded, memory of the page's script and of the processes that draw it, and
+processor time of a picture of a moving view; of the whole map, near, and after flights over it.
+"""
+
+import argparse
+import base64
+import json
+import math
+import os
+import re
+import shutil
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from playwright.sync_api import Page, sync_playwright
+
+from stereo_seecolor.report.map_mesh import packed_steps
+
+SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+KIND = re.compile("--type=([a-z-]+)")
+"""Of a process of Chromium."""
+LIGHT = 110
+"""Of 255: the stage behind the reef is darker."""
+FLIGHTS = 12
+MOVE = """([x, y]) => new Promise((done) => {
+    const canvas = document.querySelector(".map-stage canvas");
+    let moves = 0, pictures = 0;
+    const seen = new MutationObserver(() => pictures++);
+    seen.observe(canvas, { attributes: true, attributeFilter: ["data-triangles"] });
+    const step = () => {
+        const [right, down] = [80 * Math.sin(moves / 8), 20 * Math.cos(moves / 8)];
+        const place = { clientX: x + right, clientY: y + down };
+        const kind = { pointerId: 1, pointerType: "mouse", bubbles: true, button: -1, buttons: 2 };
+        canvas.dispatchEvent(new PointerEvent("pointermove", { ...kind, ...place }));
+        if (moves++ < 60) setTimeout(() => requestAnimationFrame(step), 0);
+        else setTimeout(() => { seen.disconnect(); done(pictures); }, 100);
+    };
+    step();
+})"""
+"""Moves of a pressed mouse, one for each picture; how many pictures were drawn."""
+
+
+def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
+    """Write a page with the map of a run as often as it takes for so many frames; how many frames
+    it has.
+    """
+    shutil.copytree(out / "page", folder / "page", ignore=shutil.ignore_patterns("map"))
+    shutil.copytree(out / "page/map/heights", folder / "page/map/heights")
+    shutil.copy(out / "index.html", folder)
+    about = content(out / "page/map/map.js")
+    of_one = len(content(out / "page/dive.js")["poses"])
+    edge = math.ceil(math.sqrt(frames / of_one))
+    lows = [piece["low_m"] for piece in about["pieces"].values()]
+    highs = [piece["high_m"] for piece in about["pieces"].values()]
+    corner_m = [min(low[k] for low in lows) for k in (0, 1)]
+    size_m = [max(high[k] for high in highs) - corner_m[k] for k in (0, 1)]
+    pieces: dict[str, Any] = {}
+    textured: dict[str, Any] = {}
+    for column, row, is_written in copies(edge, written):
+        offset_m = [column * size_m[0], row * size_m[1], 0.0]
+        for found, made in ((about["pieces"], pieces), (about["textured"], textured)):
+            for name, piece in found.items():
+                made[f"{name}_{column}_{row}"] = moved(piece, 1, offset_m) | {
+                    "finer": [f"{finer}_{column}_{row}" for finer in piece["finer"]]
+                }
+                if is_written and made is textured:
+                    write(out, folder, name, f"{name}_{column}_{row}", 1, offset_m)
+    (root,) = {*about["textured"]} - {n for p in about["textured"].values() for n in p["finer"]}
+    below, level, count = f"{root}_", 0, edge
+    while count > 1:
+        level, count, above = level + 1, -(-count // 2), f"coarse_{level + 1}_"
+        for column in range(count):
+            for row in range(count):
+                offset_m = [
+                    place * size * 2**level + corner * (1 - 2**level)
+                    for place, size, corner in zip((column, row), size_m, corner_m, strict=True)
+                ]
+                offset_m.append(0.0)
+                finer = [f"{below}{2 * column + i}_{2 * row + k}" for i in (0, 1) for k in (0, 1)]
+                piece = moved(about["textured"][root], 2**level, offset_m)
+                piece |= {"finer": [name for name in finer if name in textured]}
+                textured[f"{above}{column}_{row}"] = pieces[f"{above}{column}_{row}"] = piece
+                write(out, folder, root, f"{above}{column}_{row}", 2**level, offset_m)
+        below = above
+    about |= {"pieces": pieces, "textured": textured}
+    text = f"seecolor.map({json.dumps(about, separators=(',', ':'))});\n"
+    (folder / "page/map/map.js").write_text(text)
+    return of_one * edge**2
+
+
+def copies(edge: int, written: int) -> Iterator[tuple[int, int, bool]]:
+    """Column and row of each copy, and whether its files are written."""
+    for column in range(edge):
+        for row in range(edge):
+            yield column, row, max(abs(column - edge // 2), abs(row - edge // 2)) <= written
+
+
+def content(path: Path) -> Any:
+    """The data of a script."""
+    text = path.read_text()
+    return json.loads(text[text.index("(") + 1 : text.rindex(")")])
+
+
+def moved(piece: dict[str, Any], scale: int, offset_m: list[float]) -> dict[str, Any]:
+    """A piece of the list, stretched along the map and moved."""
+    corners = {key: placed(piece[key], scale, offset_m) for key in ("low_m", "high_m")}
+    return {**piece, **corners, "cell_m": scale * piece["cell_m"]}
+
+
+def placed(point_m: list[float], scale: int, offset_m: list[float]) -> list[float]:
+    """A point, stretched along the map and moved."""
+    stretched = (scale * point_m[0], scale * point_m[1], point_m[2])
+    return [value + off for value, off in zip(stretched, offset_m, strict=True)]
+
+
+def write(out: Path, folder: Path, name: str, new: str, scale: int, offset_m: list[float]) -> None:
+    """The script of a piece, stretched along the map and moved."""
+    text = (out / f"page/map/{name}.js").read_text()
+    receiver, values = text[: text.index("(")], text[text.index("(") + 1 : text.rindex(")")]
+    _, packed = json.loads(f"[{values}]")
+    for part in packed if isinstance(packed, list) else [packed]:
+        part["low_m"] = placed(part["low_m"], scale, offset_m)
+        if scale > 1:
+            part["positions"] = packed_steps(steps_of(part) // np.array([1, 1, scale]))
+            part["step_m"] *= scale
+    text = f"{receiver}({json.dumps(new)},{json.dumps(packed, separators=(',', ':'))});\n"
+    (folder / f"page/map/{new}.js").write_text(text)
+
+
+def steps_of(part: dict[str, Any]) -> NDArray[np.int64]:
+    """(N, 3) the places of the vertices, as web/src/pieces.ts reads them."""
+    deflated = base64.b64decode(part["positions"])
+    planes = np.frombuffer(zlib.decompress(deflated), np.uint8).reshape(3, -1).astype(np.int64)
+    folded = planes[0] | planes[1] << 8 | planes[2] << 16
+    differences = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1)
+    return np.asarray(differences.cumsum(axis=1).T)
+
+
+def processes() -> dict[str, tuple[float, float]]:
+    """By the kind of this process's children: processor time in seconds, and memory in MB."""
+    parents, found = {}, dict[str, tuple[float, float]]()
+    for process in Path("/proc").iterdir():
+        if not process.name.isdigit():
+            continue
+        try:
+            fields = (process / "stat").read_text().rsplit(")", 1)[1].split()
+            kind = "".join(KIND.findall((process / "cmdline").read_text())[:1])
+            memory_mb = int((process / "statm").read_text().split()[1]) * 4096 / 1e6
+        except OSError:
+            continue  # has ended
+        parents[int(process.name)] = (
+            int(fields[1]),
+            kind,
+            int(fields[11]) + int(fields[12]),
+            memory_mb,
+        )
+    todo, mine = [os.getpid()], set[int]()
+    while todo:
+        number = todo.pop()
+        children = [child for child, (parent, *_) in parents.items() if parent == number]
+        mine |= {*children}
+        todo += children
+    for number in mine:
+        _, kind, ticks, memory_mb = parents[number]
+        before = found.get(kind, (0.0, 0.0))
+        found[kind] = before[0] + ticks / os.sysconf("SC_CLK_TCK"), max(before[1], memory_mb)
+    return found
+
+
+def said(page: Page, what: str) -> None:
+    """Print memory, and the processor time of a picture of a moving view."""
+    box = page.locator(".map-stage").bounding_box()
+    assert box
+    middle = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+    page.mouse.move(*middle)
+    page.mouse.down(button="right")
+    page.evaluate(MOVE, middle)  # finds its pace
+    before, start_s = processes(), time.monotonic()
+    pictures = page.evaluate(MOVE, middle)
+    took_s, after = time.monotonic() - start_s, processes()
+    page.mouse.up(button="right")
+    used_ms = 1000 * sum(after[kind][0] - before[kind][0] for kind in after if kind in before)
+    rested(page)
+    heap_mb = page.evaluate("performance.memory.usedJSHeapSize") / 1e6
+    triangles = page.locator(".map-stage canvas").get_attribute("data-triangles")
+    print(
+        f"{what}: {heap_mb:.0f} MB of script, renderer {after['renderer'][1]:.0f} MB, drawing "
+        f"{after['gpu-process'][1]:.0f} MB; {used_ms / pictures:.0f} ms of processor time a "
+        f"picture, {pictures / took_s:.1f} pictures/s; {triangles} triangles at rest",
+        flush=True,
+    )
+
+
+def on_reef(page: Page) -> tuple[float, float]:
+    """The place of the window nearest to the middle of the map's that shows the reef, which is
+    light.
+    """
+    stage = page.locator(".map-stage")
+    encoded = np.frombuffer(stage.screenshot(), np.uint8)  # scrolls to it
+    box, image = stage.bounding_box(), cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE)
+    assert box and image is not None
+    rows, columns = np.nonzero(np.asarray(image) > LIGHT)
+    height, width = image.shape
+    nearest = np.argmin(np.hypot(rows - height / 2, columns - width / 2))
+    return box["x"] + float(columns[nearest]), box["y"] + float(rows[nearest])
+
+
+def rested(page: Page) -> None:
+    """Wait until nothing moves and all pieces of the view are loaded."""
+    still = 0
+    while still < 5:
+        busy = page.locator(".map-stage canvas").get_attribute("aria-busy") != "false"
+        still = 0 if busy else still + 1
+        page.wait_for_timeout(200)
+
+
+def main(out: Path, folder: Path, frames: int, written: int) -> None:
+    """Draw the page, and look at it."""
+    folder.mkdir()
+    drawn = repeated(out, folder, frames, written)
+    listed_mb = (folder / "page/map/map.js").stat().st_size / 1e6
+    print(f"{drawn} frames; the list of pieces has {listed_mb:.1f} MB")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=list(SOFTWARE)
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        start_s = time.monotonic()
+        page.goto(f"{(folder.resolve() / 'index.html').as_uri()}#map")
+        canvas = page.locator(".map-stage canvas[data-triangles]:not([data-triangles='0'])")
+        canvas.wait_for(timeout=300_000)
+        print(f"first picture after {time.monotonic() - start_s:.1f} s")
+        rested(page)
+        print(f"all of it after {time.monotonic() - start_s:.1f} s")
+        said(page, "whole map")
+        box = page.locator(".map-stage").bounding_box()
+        assert box
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        for _ in range(int(3 + 2.5 * math.log2(frames))):  # the middle of the map stays there
+            page.mouse.wheel(0, -240)
+            page.wait_for_timeout(200)
+            rested(page)
+        page.mouse.move(*on_reef(page))
+        for _ in range(3):
+            page.mouse.wheel(0, -240)
+            page.wait_for_timeout(200)
+        rested(page)
+        said(page, "near")
+        for flight in range(FLIGHTS):
+            x, y = on_reef(page)
+            page.mouse.move(x, y)
+            page.mouse.down()
+            page.mouse.move(x + 300 * math.cos(flight), y + 200 * math.sin(flight), steps=5)
+            page.mouse.up()
+            rested(page)
+        said(page, f"after {FLIGHTS} flights")
+        browser.close()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--frames", type=int, default=2400)
+    parser.add_argument("--written", type=int, default=3)
+    given = parser.parse_args()
+    main(given.out, given.folder, given.frames, given.written)
