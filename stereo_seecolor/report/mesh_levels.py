@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.free_memory import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
@@ -31,6 +32,8 @@ it.
 """
 AROUND_CELLS = 8
 """A tile is made with so many cells around it: what is done to a mesh reaches over three."""
+TILE_BYTES = 70e6
+"""Memory of a tile while it is made, as measured."""
 
 
 class Numbered(NamedTuple):
@@ -189,9 +192,9 @@ class Level:
         """The triangles whose middle lies from low_m to before high_m, x and y."""
         places = list(self.boxes)
         meet = _meet(np.array([self.boxes[place] for place in places]), low_m, high_m)
-        parts = [self._read(places[k]) for k in np.flatnonzero(meet).tolist()]
-        whole = Numbered.joined(parts)
-        return whole.of(_inside(whole.middles_m, low_m, high_m))
+        read = (self._read(places[k]) for k in np.flatnonzero(meet).tolist())
+        parts = [part.of(_inside(part.middles_m, low_m, high_m)) for part in read]
+        return Numbered.joined(parts)
 
     def _read(self, place: Place) -> Numbered:
         found = read_arrays(_path(self.folder, place), len(Numbered._fields))
@@ -267,7 +270,9 @@ def _level(
         box = np.concatenate([middles.min(axis=0), middles.max(axis=0)])
         return place, box, len(middles)
 
-    made = [each for each in Threads(cores()).each(tile, sorted(places)) if each]
+    made = [
+        each for each in Threads(at_once(cores(), TILE_BYTES)).each(tile, sorted(places)) if each
+    ]
     boxes = {place: box for place, box, _ in made}
     count = sum(triangles for *_, triangles in made)
     return Level(cell_m, south_west, edge_m, folder, boxes, count)
