@@ -244,7 +244,7 @@ def main(out: Path, folder: Path, frames: int, written: int) -> None:
         )
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         start_s = time.monotonic()
-        page.goto(f"{(folder.resolve() / 'index.html').as_uri()}#map")
+        page.goto(f"{(folder.resolve() / 'index.html').as_uri()}#map", wait_until="commit")
         canvas = page.locator(".map-stage canvas[data-triangles]:not([data-triangles='0'])")
         canvas.wait_for(timeout=300_000)
         print(f"first picture after {time.monotonic() - start_s:.1f} s")

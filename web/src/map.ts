@@ -247,7 +247,8 @@ class MapView {
   private async missed(sight: Sight): Promise<void> {
     if (!this.measuring || this.measuring.isOn) return;
     const all = Object.values(this.about.pieces);
-    const [low_m, high_m] = [Math.min(...all.map((each) => each.low_m[2])), Math.max(...all.map((each) => each.high_m[2]))];
+    const low_m = all.reduce((least, each) => Math.min(least, each.low_m[2]), Infinity); // too many for arguments of one call
+    const high_m = all.reduce((most, each) => Math.max(most, each.high_m[2]), -Infinity);
     const spot_m = await gapOnSight(this.measuring.ground.heights, sight, low_m, high_m);
     if (spot_m) void this.seen(spot_m);
   }
@@ -271,7 +272,7 @@ class MapView {
       each.low_m[0] <= x_m && x_m <= each.high_m[0] && each.low_m[1] <= y_m && y_m <= each.high_m[1];
     const all = Object.entries(this.about.pieces);
     const boxes = all.some(inside) ? all.filter(inside) : all;
-    const finest = Math.min(...boxes.map(([, each]) => each.cell_m));
+    const finest = boxes.reduce((least, [, each]) => Math.min(least, each.cell_m), Infinity);
     const heights = boxes.filter(([, each]) => each.cell_m === finest).map(([, each]) => (each.low_m[2] + each.high_m[2]) / 2);
     return heights.reduce((a, b) => a + b, 0) / Math.max(heights.length, 1);
   }

@@ -21,7 +21,7 @@ import {
   WebGLRenderer,
 } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
-import type { About } from "./about";
+import type { About, Piece } from "./about";
 import type { Dive } from "./dive";
 import { Detail, vector } from "./lod";
 
@@ -53,6 +53,7 @@ export interface Sight {
 
 const SLANT = new Vector3(-0.25, -0.75, 0.85);
 const CENTERINGS = 4;
+const MOST_CORNERED = 256; // pieces: of a map of 100,000 frames, all corners take minutes
 const FULL = 0.98; // so much of the drawing's half width and height the whole map takes
 
 export class Scene {
@@ -157,13 +158,18 @@ export class Scene {
     this.camera.position.add(moved);
   }
 
-  /** What the view of the whole map must hold: its vertices once it is loaded coarsely, else the corners of the finest pieces. */
+  /** What the view of the whole map must hold: its vertices once it is loaded coarsely, else the corners of the finest pieces of which there are few enough. */
   private outline(): Vector3[] {
     const loaded = this.detail.outline();
     if (loaded) return loaded;
-    const all = Object.values(this.about.pieces);
-    const finest_m = Math.min(...all.map((each) => each.cell_m));
-    return all.filter((each) => each.cell_m === finest_m).flatMap(({ low_m, high_m }) => cornersOf(low_m, high_m));
+    const levels = new Map<number, Piece[]>();
+    for (const each of Object.values(this.about.pieces)) {
+      const level = levels.get(each.cell_m) ?? [];
+      level.push(each);
+      levels.set(each.cell_m, level);
+    }
+    const few = [...levels].filter(([, pieces]) => pieces.length <= MOST_CORNERED).sort(([a], [b]) => a - b);
+    return (few[0]?.[1] ?? []).flatMap(({ low_m, high_m }) => cornersOf(low_m, high_m));
   }
 
   /** The whole map is there, if coarsely: the view fits it, if nobody has moved it yet. */
