@@ -16,18 +16,11 @@ from calibration.rectification import (
 )
 from calibration.rig import StereoRig
 from calibration.verification.causes import NOT_TESTED, find_causes
-from calibration.verification.large_causes import NOT_TRIED, best_factor
 from calibration.verification.matches import Matches, find_matches
-from calibration.verification.row_fits import explain, robust_fit, row_inliers
-from calibration.verification.table import ENLARGED, IN_AIR
+from calibration.verification.row_fits import explain, row_inliers
 from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 
 Array = NDArray[np.float64]
-MOST_MATCHES = 4000  # spread evenly: more cost time
-MOST_YAW_RAD = 0.008
-"""Mounts give by tenths of a degree; a yaw of more must leave less than CLEARLY of what another
-lens distortion leaves."""
-CLEARLY = 0.7
 __all__ = ["RowCheck", "judge_matches", "rows_off_px", "vertical_disparity"]
 
 
@@ -57,18 +50,14 @@ def judge_matches(rig: StereoRig, matches: Sequence[Matches]) -> RowCheck:
     plan = plan_rectification(rig)
     pair = plan.matching_pair
     left, right, numbers = _points_near_rows(pair, matches)
-    raw = (left, right)
+    in_images = raw_points(rig, left, right)
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
     rows = right[:, 1] - left[:, 1]
     model, unexplained = explain(rows, left)
     row_error_px = float(np.median(np.abs(rows)))
-    in_images = raw_points(rig, *raw)
     across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair
     causes = find_causes(rig, matches)
     agree = row_error_px <= LIMITS.acceptable_px
-    has_lens = rig.port is None and not rig.is_rectified
-    # of a calibration without distortion, lenses would look like air
-    has_distortion = rig.left.distortion.any() or rig.right.distortion.any()
     return RowCheck(
         pairs=len(matches),
         matches=len(rows),
@@ -78,11 +67,6 @@ def judge_matches(rig: StereoRig, matches: Sequence[Matches]) -> RowCheck:
         roll_deg=float(np.degrees(model[2])),
         unexplained_px=float(np.median(np.abs(unexplained))),
         behind_fraction=float((left[:, 0] - right[:, 0] < BEHIND_PX).mean()),
-        enlargement=best_factor(ENLARGED, rig, *raw) if has_lens and not agree else NOT_TRIED,
-        port=best_factor(IN_AIR, rig, *raw)
-        if has_lens and has_distortion and not agree
-        else NOT_TRIED,
-        looks_bent=_looks_bent(left, right, pair.focal_px),
         causes=NOT_TESTED if agree and not causes.is_wrong else causes,
         unrectified_px=float(np.median(np.abs(in_images[1][:, across] - in_images[0][:, across]))),
         apart_px=float(np.median(np.hypot(*(in_images[1] - in_images[0]).T))),
@@ -112,29 +96,6 @@ def _points_near_rows(
             "texture, and check whether both images show the same scene at the same time"
         )
     return left, right, numbers
-
-
-def _looks_bent(left: Array, right: Array, focal_px: float) -> bool:
-    """Tell whether rows look like a yaw that is larger than mounts give by, and as much like
-    another radial distortion of both lenses, which changes ranges by amounts not known.
-
-    left, right: (n, 2) pixels from the principal points. A yaw moves rows by yaw x y / focal
-    length, which offset, scale, roll and pitch do not.
-    """
-    step = -(-len(left) // MOST_MATCHES)
-    left, right = left[::step] / focal_px, right[::step] / focal_px
-    x, y = right.T
-    moved = np.column_stack([np.ones_like(x), y, x, y**2])
-    rows, bend = focal_px * (right[:, 1] - left[:, 1]), _radial(right) - _radial(left)
-    found, yawed = robust_fit(np.column_stack([moved, focal_px * x * y]), rows)
-    _, bent = robust_fit(np.column_stack([moved, bend]), rows)
-    left_px, bent_px = np.median(np.abs([yawed, bent]), axis=1)
-    return bool(abs(found[4]) > MOST_YAW_RAD and left_px > CLEARLY * bent_px)
-
-
-def _radial(slopes: Array) -> Array:
-    """(n,) how radial distortion moves the rows of rays with slopes (n, 2), but for its size."""
-    return np.asarray(slopes[:, 1] * (slopes**2).sum(axis=1))
 
 
 def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:

@@ -18,7 +18,7 @@ from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
 from calibration.verification.row_fits import explain, robust_fit, row_inliers
 
 Array = NDArray[np.float64]
-Kind = Literal["", "odd", "step", "each"]
+Kind = Literal["", "odd", "step", "drift", "each"]
 
 LEAST_PX = 0.5
 """Pairs of one rig differ by less over the image: by 0.02 px in the sample dive, up to 0.3 px on a
@@ -35,6 +35,13 @@ MOST_ODD = 0.34
 """Fraction of pairs that may be odd among others that agree."""
 ONE_CAUSE = 0.9
 """Fraction of the squared change that one of offset, roll and scale makes where it is the cause."""
+DRIFT_PAIRS = 6
+"""Fewer do not tell a drift from a step."""
+STEADY = 0.9
+"""Fraction of the squared change that grows in proportion to the place in the dive in a drift: of a
+step, three quarters at most."""
+JUMP = 0.5
+"""Fraction of the whole change that two neighboring pairs may differ by in a drift."""
 CLEARLY = 1.5
 """A rival explains rows better only where it leaves so many times less."""
 LIKELIER = 15.0
@@ -149,6 +156,17 @@ def changes_of(rows: Sequence[PairRows | None]) -> Changes:
     others = sorted(set(range(len(known))) - set(largest))
     if not others:
         return NO_CHANGES
+    if _drifts(known, places):
+        change_px = known[-1].motion_px - known[0].motion_px
+        size_px = float(np.linalg.norm(change_px))
+        return Changes(
+            "drift",
+            places[0],
+            places[-1],
+            spread_px=size_px,
+            range_error=size_px / _disparity(known),
+            moments=_moments(known),
+        )
     if step := _step(known):
         before, after = known[:step], known[step:]
         change = _middle(after) - _middle(before)
@@ -180,6 +198,17 @@ def changes_of(rows: Sequence[PairRows | None]) -> Changes:
         range_error=size_px / _disparity(known),
         moments=_moments(known),
     )
+
+
+def _drifts(known: Sequence[PairRows], places: Sequence[int]) -> bool:
+    """Tell whether the rows of pairs change steadily from the first to the last one."""
+    if len(known) < DRIFT_PAIRS:
+        return False
+    motions = np.array([one.motion_px for one in known])
+    _, _, directions = np.linalg.svd(motions - motions.mean(axis=0))
+    along = motions @ directions[0]
+    steady = np.corrcoef(places, along)[0, 1] ** 2 > STEADY
+    return bool(steady and np.abs(np.diff(along)).max() < JUMP * np.ptp(along))
 
 
 def _groups(known: Sequence[PairRows]) -> list[list[int]]:

@@ -100,9 +100,11 @@ def may_be_wrong(rows: RowCheck) -> bool:
     return rows.swapped or (rows.row_error_px > LIMITS.wrong_px and not rows.refusal)
 
 
-def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> FoundMistake | None:
+def likely_mistake(
+    rig: StereoRig, pairs: Iterable[Images], rival: StereoRig | None = None
+) -> FoundMistake | None:
     """The mistake that explains raw image pairs, (H, W) or (H, W, C), which the rig as given does
-    not.
+    not. rival: the rig that another cause makes, which the mistake must explain as well as.
 
     None where the rig may be right, no mistake explains the images, or they show too little.
     """
@@ -119,7 +121,8 @@ def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> FoundMistake | No
     as_given = f"{behind}{given.off_px:.1f} px off their lines as given"
     on_one_side = [one for one in MISTAKES if one.is_mirrored and one.left != one.right]
     others = [one for one in MISTAKES if one not in on_one_side]
-    if found := _explaining(rig, points, others, given, as_given):
+    most_px = LIMITS.alike * fit_of(rival, points).off_px if rival else np.inf
+    if found := _explaining(rig, points, others, given, as_given, most_px):
         return found
     width = rig.right.image_size[0]
     mirrored = _together(
@@ -135,9 +138,16 @@ def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> FoundMistake | No
 
 
 def _explaining(
-    rig: StereoRig, points: Matches, mistakes: Iterable[Mistake], given: Fit, as_given: str
+    rig: StereoRig,
+    points: Matches,
+    mistakes: Iterable[Mistake],
+    given: Fit,
+    as_given: str,
+    rival_px: float = np.inf,
 ) -> FoundMistake | None:
-    """The most usual of the mistakes that explain the points about as well as any, if any does."""
+    """The most usual of the mistakes that explain the points about as well as any, if any does and
+    leaves no more than rival_px.
+    """
     if len(points.left) < LIMITS.least_points:
         return None
     explaining: list[tuple[Fit, Mistake, StereoRig]] = []
@@ -146,7 +156,7 @@ def _explaining(
             without = mistake.make(rig)
             fit = fit_of(without, points, mistake.left, mistake.right)
             most_px = LIMITS.rectified_px if mistake.what == RECTIFIED else LIMITS.left_px
-            if fit.explains(given, most_px):
+            if fit.off_px <= rival_px and fit.explains(given, most_px):
                 explaining.append((fit, mistake, without))
     if not explaining:
         return None

@@ -46,7 +46,6 @@ from calibration.verification.rigid_motion import (
     corrected_points,
     fit_motions,
 )
-from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 
@@ -458,7 +457,7 @@ def _seen_twice(
         same_points(moved.right, there.left, LIMITS.near_px),
     )
     found = np.flatnonzero((at_first >= 0) & (at_second >= 0))
-    kept, sides = np.ones(len(found), bool), []
+    kept, sides, rows_px = np.ones(len(found), bool), [], []
     for left, matches, index in (
         (moved.left[found], here, at_first[found]),
         (moved.right[found], there, at_second[found]),
@@ -467,8 +466,7 @@ def _seen_twice(
         disparity = disparity - (geometry.cx_left_px - geometry.cx_right_px)
         kept &= (np.abs(row_px) < LIMITS.most_row_px) & (disparity > LIMITS.least_disparity_px)
         sides.append(np.column_stack([left - [geometry.cx_left_px, geometry.cy_px], disparity]))
+        rows_px.append(-row_px)
     if kept.sum() < LIMITS.least_points:
         return None
-    rows_px = (here.right - here.left)[at_first[found][kept], 1]
-    (_, _, roll_rad), _ = explain(rows_px, sides[0][kept][:, :2])
-    return SeenTwice(sides[0][kept], sides[1][kept], float(roll_rad))
+    return SeenTwice(sides[0][kept], sides[1][kept], np.column_stack(rows_px)[kept])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from calibration.resampling import jackknife
+from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 POSE = 6
@@ -20,8 +21,12 @@ OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS = range(6)
 and one that grows over the columns, at half the image's height and width from the middle; and, at
 the second moment alone, an offset and an amount that grows over the rows. FOCAL is the logarithm of
 the focal length's factor."""
-STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-2, 1e-4, 1e-2, 1e-2, 1e-2, 1e-2])
-"""Of numerical derivatives; a pose that moves by less has converged."""
+STEPS = np.array([1e-5] * 3 + [1e-4] * 3)
+"""A pose that moves by less has converged."""
+
+AT_INFINITY = 0.1
+"""Of the disparity: points without parallax fit any motion when an offset moves them to
+infinity."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +53,30 @@ class SeenTwice:
     """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
     disparity.
 
-    roll_rad: of the right image against the left one by the rows at the first moment.
+    rows_px: (n, 2) right minus left row at both moments; 0 where nothing else is said.
     """
 
     first: Array
     second: Array
-    roll_rad: float = 0.0
+    rows_px: Array | None = None
+
+    @property
+    def roll_rad(self) -> float:
+        """Of the right image against the left one, by the rows at the first moment."""
+        if self.rows_px is None:
+            return 0.0
+        return float(explain(self.rows_px[:, 0], self.first[:, :2])[0][2])
+
+    def pixels(self, geometry: RectifiedPair) -> tuple[tuple[Array, Array], ...]:
+        """(n, 2) pixels in the left and the right image, at both moments."""
+        rows_px = np.zeros((len(self.first), 2)) if self.rows_px is None else self.rows_px
+        found = []
+        for points, rows in zip((self.first, self.second), rows_px.T, strict=True):
+            x, y, disparity = points.T
+            left = np.column_stack([x + geometry.cx_left_px, y + geometry.cy_px])
+            right = np.column_stack([x - disparity + geometry.cx_right_px, left[:, 1] + rows])
+            found.append((left, right))
+        return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +115,11 @@ def fit_motions(couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: in
         step = np.asarray(np.linalg.solve(H, g)) if late else np.zeros(len(shared))
         moved = np.array([normal.pose_step(step) for normal in normals])
         poses, shared = poses + moved, shared + step
-        if number > SETTINGS.poses_first and (np.abs(moved) < STEPS[:POSE]).all():
+        if number > SETTINGS.poses_first and (np.abs(moved) < STEPS).all():
             break
+    disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
+    if disparity_px + shared[OFFSET] < AT_INFINITY * disparity_px:
+        raise np.linalg.LinAlgError("no motion")
     without = np.array([shared + np.linalg.solve(H - normal.H, g - normal.g) for normal in normals])
     square = float(np.mean([normal.square for normal in normals]))
     formal = np.sqrt(np.diag(np.linalg.inv(H)) * square)
@@ -119,12 +145,7 @@ class _Normal:
 
 
 def _normal(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> _Normal:
-    rest = _residuals(couple, values, geometry)
-    slope = np.empty((*rest.shape, len(values)))
-    for i, size in enumerate(STEPS):
-        moved = values.copy()
-        moved[i] += size
-        slope[:, :, i] = (_residuals(couple, moved, geometry) - rest) / size
+    rest, slope = _residuals(couple, values, geometry)
     weights = 1 / np.sqrt(1 + (rest**2).sum(axis=1) / SETTINGS.noise_px**2)
     A, r = slope.reshape(-1, len(values)), rest.ravel()
     weighted = A * np.repeat(weights, 3)[:, None]
@@ -142,17 +163,40 @@ def _normal(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> _Norma
     )
 
 
-def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> Array:
-    """(n, 3) pixels by which the points, moved from the first moment, miss those of the second."""
+def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> tuple[Array, Array]:
+    """(n, 3) pixels by which the points, moved from the first moment, miss those of the second; and
+    (n, 3, 12) their derivatives by the values.
+    """
     turn, shift, shared = values[:3], values[3:POSE], values[POSE:]
     scale = geometry.focal_px * np.exp(shared[FOCAL])
     first = corrected_points(couple.first, shared[[OFFSET, COLUMNS, ROWS]], geometry) / scale
     later = shared[[OFFSET, COLUMNS, ROWS]] + [shared[LATER], 0, shared[LATER_ROWS]]
     second = corrected_points(couple.second, later, geometry) / scale
-    R = cv2.Rodrigues(turn)[0]
-    rays = np.column_stack([first[:, :2], np.ones(len(first))]) @ R.T + first[:, 2:] * shift
+    R, by_turn = cv2.Rodrigues(turn)
+    slopes = np.column_stack([first[:, :2], np.ones(len(first))])
+    rays = slopes @ R.T + first[:, 2:] * shift
     moved = np.column_stack([rays[:, :2], first[:, 2]]) / rays[:, 2:]
-    return np.asarray((moved - second) * scale)
+
+    half = np.array(geometry.image_size) / 2
+    over = np.zeros((2, len(SETTINGS.free), len(first)))  # of disparities, at both moments
+    for at, points in enumerate((couple.first, couple.second)):
+        over[at, OFFSET] = 1
+        over[at, ROWS], over[at, COLUMNS] = points[:, 1] / half[1], points[:, 0] / half[0]
+    over[1, [LATER, LATER_ROWS]] = over[1, [OFFSET, ROWS]]
+    of_rays = np.zeros((len(first), 3, len(values)))
+    of_rays[:, :, :3] = np.moveaxis(slopes @ by_turn.reshape(3, 3, 3).transpose(0, 2, 1), 0, 2)
+    of_rays[:, :, 3:POSE] = first[:, 2, None, None] * np.eye(3)
+    of_rays[:, :, POSE:] = over[0].T[:, None] * (shift / scale)[:, None]
+    of_rays[:, :, POSE + FOCAL] = -slopes[:, :2] @ R[:, :2].T - first[:, 2:] * shift
+    # what is moved, without its division by depth: two coordinates of the ray, and the disparity
+    of_moved = of_rays.copy()
+    of_moved[:, 2] = 0
+    of_moved[:, 2, POSE:] = over[0].T / scale
+    of_moved[:, 2, POSE + FOCAL] = -first[:, 2]
+    slope = (of_moved - moved[:, :, None] * of_rays[:, 2:]) * (scale / rays[:, 2])[:, None, None]
+    slope[:, 2, POSE:] -= over[1].T
+    slope[:, :, POSE + FOCAL] += moved * scale
+    return np.asarray((moved - second) * scale), np.asarray(slope)
 
 
 def corrected_points(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array:

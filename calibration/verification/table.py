@@ -1,9 +1,8 @@
 """The table of what may be wrong between a calibration and the images of a dive: causes with an
-amount, causes that may be large, and mistakes.
+amount, and mistakes.
 
-``causes`` tests the first against each other on rows and motion, ``large_causes`` tries factors of
-the second, and ``mistakes`` tests the third on points of the raw images. The length of the baseline
-is not in it: no image shows it.
+``causes`` tests the first against each other on rows and motion, and ``mistakes`` tests the second
+on points of the raw images. The length of the baseline is not in it: no image shows it.
 """
 
 from collections.abc import Callable
@@ -15,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry import inverse_transform, rigid
-from calibration.port import FLAT_PORT
-from calibration.rectification import plan_rectification
+from calibration.port import FLAT_PORT, flat_port
+from calibration.rectification import upright_rotations
 from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
@@ -27,12 +26,22 @@ Flip = tuple[bool, bool]
 @dataclass(frozen=True)
 class Amount:
     """How much of a cause there may be. unit: of the text, 1 = as it is. step: small enough to be
-    linear. most: larger ones are not plausible.
+    linear. most, least: larger and smaller ones are not plausible. zero: what the text adds to an
+    amount, NaN where it gives the amount itself, with its sign.
     """
 
     unit: float
     step: float
     most: float
+    least: float = 0.0
+    zero: float = float("nan")
+
+    def text(self, amount: float) -> str:
+        """The amount as texts give it."""
+        if self.zero == self.zero:
+            return f"{self.zero + self.unit * amount:.2f}"
+        shown = self.unit * amount
+        return f"{shown:+.0f}" if abs(shown) >= 100 else f"{shown:+.2g}"
 
 
 @dataclass(frozen=True)
@@ -48,19 +57,6 @@ class Cause:
     amount: Amount
     cure: str
     make: Callable[[StereoRig, float], StereoRig] | None
-
-
-@dataclass(frozen=True, eq=False)
-class LargeCause:
-    """A cause of any size. text: with the factor, and what it and a movement leave of the rows.
-
-    factors: that are tried. rays: (n, 3) of a camera's raw pixels (n, 2), if a factor is true.
-    """
-
-    text: str
-    cure: str
-    factors: Array
-    rays: Callable[[Camera, Array, float], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +86,7 @@ ALONG, ACROSS, AXIS = range(3)
 
 def _direction(rig: StereoRig, direction: int) -> int:
     """The camera's axis of that direction: the baseline may lie along x or y."""
-    turned = direction != AXIS and plan_rectification(rig).pair.quarter_turns % 2
+    turned = direction != AXIS and upright_rotations(rig.T_right_left)[2] % 2
     return 1 - direction if turned else direction
 
 
@@ -127,28 +123,74 @@ def _with_focal(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
     return make
 
 
-def enlarged(rig: StereoRig, factor: float) -> StereoRig:
-    """The rig of images of which the middle was enlarged by a factor, to the size that they had."""
-
-    def of(camera: Camera) -> Camera:
-        K, middle = camera.K.copy(), _middle(camera)
+def _enlarged(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
+    def of(camera: Camera, factor: float) -> Camera:
+        K, middle = camera.K.copy(), (np.array(camera.image_size) - 1) / 2
         K[:2, :2] *= factor
         K[:2, 2] = middle + factor * (K[:2, 2] - middle)
         return replace(camera, K=K)
 
-    return replace(rig, left=of(rig.left), right=of(rig.right), alternatives=())
+    def make(rig: StereoRig, larger: float) -> StereoRig:
+        left, right = (
+            of(getattr(rig, side), 1 + larger) if side in sides else getattr(rig, side)
+            for side in ("left", "right")
+        )
+        return replace(rig, left=left, right=right, alternatives=())
+
+    return make
 
 
-def _other_lens(rig: StereoRig, more: float) -> StereoRig:
-    def bent(camera: Camera) -> Camera:
+def _in_water(rig: StereoRig, more: float) -> StereoRig:
+    """A rig that was calibrated in air, behind flat ports, in what bends light by an index of 1 +
+    more.
+    """
+    if rig.port is not None:
+        return rig
+    port = replace(flat_port(FLAT_PORT), water_index=1 + more)
+    return replace(rig, medium="air", port=port)
+
+
+def _other_lens(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
+    def bent(camera: Camera, more: float) -> Camera:
         size = max(camera.distortion.size, 4 if camera.model == "fisheye" else 5)
         distortion = np.pad(camera.distortion, (0, size - camera.distortion.size))
         distortion[0] += more
         return replace(camera, distortion=distortion)
 
-    return replace(rig, left=bent(rig.left), right=bent(rig.right))
+    def make(rig: StereoRig, more: float) -> StereoRig:
+        left, right = (
+            bent(getattr(rig, side), more) if side in sides else getattr(rig, side)
+            for side in ("left", "right")
+        )
+        return replace(rig, left=left, right=right)
+
+    return make
 
 
+LARGER = Amount(1, 1e-3, 1.5, zero=1)
+"""Narrow modes of action cameras keep a half of each side."""
+CUT_OUT = Cause(
+    "images of both sides cut out of the calibrated ones and enlarged {} +- {} times, to their "
+    "size",
+    LARGER,
+    "give the whole images, or a calibration of this (or of the stabilized) mode",
+    _enlarged("left", "right"),
+)
+IN_AIR = Cause(
+    "light bent by a flat port (index {} +- {}), as with a calibration made in air",
+    Amount(1, 1e-3, 0.42, 0.26, zero=1),  # water is 1.33 to 1.36
+    "calibrate in water, or describe the port: --set "
+    f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)",
+    _in_water,
+)
+LENSES = tuple(
+    Cause(f"{of} otherwise (k1 by {{}} +- {{}})", Amount(1, 1e-3, 0.5), OTHER, make)
+    for of, make in (
+        ("lenses that bend", _other_lens("left", "right")),
+        ("a lens of the right side that bends", _other_lens("right")),
+        ("a lens of the left side that bends", _other_lens("left")),
+    )
+)
 CAUSES = (
     Cause(
         "a turn of a camera about the baseline (pitch) by {} +- {} degrees",
@@ -174,20 +216,31 @@ CAUSES = (
         "images shifted across the baseline by {} +- {} px", PIXELS, MOVED, _moved_center(ACROSS)
     ),
     *(
-        Cause(f"a focal length of {of} {{}} +- {{}} % longer", RELATIVE, OTHER, _with_focal(*sides))
-        for of, sides in (
-            ("the right side", ("right",)),
-            ("the left side", ("left",)),
-            ("both sides", ("left", "right")),
+        Cause(
+            f"a focal length of {of} {{}} +- {{}} % longer{why}",
+            RELATIVE,
+            OTHER,
+            _with_focal(*sides),
+        )
+        for of, why, sides in (
+            ("the right side", "", ("right",)),
+            ("the left side", "", ("left",)),
+            ("both sides", " (by a third where one of air is used in water)", ("left", "right")),
         )
     ),
-    Cause(
-        "images of both sides cut out of the calibrated ones and enlarged by {} +- {} %",
-        RELATIVE,
-        OTHER,
-        lambda rig, larger: enlarged(rig, 1 + larger),
+    CUT_OUT,
+    *(
+        Cause(
+            f"images of the {side} side cut out of the calibrated ones and enlarged {{}} +- {{}} "
+            "times",
+            replace(LARGER, least=0.04),  # less is rather another focal length
+            OTHER,
+            _enlarged(side),
+        )
+        for side in ("left", "right")
     ),
-    Cause("lenses that bend otherwise (k1 by {} +- {})", Amount(1, 1e-3, 0.5), OTHER, _other_lens),
+    IN_AIR,
+    *LENSES,
     Cause(
         "disparities that grow over the rows, by {} +- {} px at the edge, as rolling shutters make "
         "them that read rows in opposite directions, or not at one moment",
@@ -197,44 +250,6 @@ CAUSES = (
     ),
 )
 
-
-def _middle(camera: Camera) -> Array:
-    return (np.array(camera.image_size) - 1) / 2
-
-
-def _enlarged_rays(camera: Camera, pixels: Array, factor: float) -> Array:
-    middle = _middle(camera)
-    return camera.rays(middle + (pixels - middle) / factor)
-
-
-def _bent_rays(camera: Camera, pixels: Array, index: float) -> Array:
-    """A calibration made in air takes a pixel for its ray in air; in the water, behind a flat port
-    square to the optical axis, sin(theta) is 1/n of that (Snell).
-    """
-    in_air = camera.rays(pixels)
-    across = in_air[:, :2] / np.linalg.norm(in_air, axis=1, keepdims=True) / index
-    return np.column_stack([across, np.sqrt(1 - (across**2).sum(axis=1))])
-
-
-ENLARGED = LargeCause(
-    "images cut out of the calibrated ones and enlarged about {factor:.2f} times, to their size, "
-    "explain the rows, {left:.2f} px left instead of {rows:.2f} px: ranges would be {inverse:.2f} "
-    "of the true ones",
-    "give the whole images, or a calibration of this (or of the stabilized) mode",
-    # below, rows tell too little; stabilized video keeps 0.8 to 0.9 of each side, and narrow modes
-    # of action cameras a half
-    np.exp(np.arange(np.log(1.06), np.log(2.5), 0.03)),
-    _enlarged_rays,
-)
-IN_AIR = LargeCause(
-    "light bent by a flat port (index {factor:.2f}) explains the rows, {left:.2f} px left instead "
-    "of {rows:.2f} px: it looks like a calibration made in air",
-    "calibrate in water, or describe the port: --set "
-    f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)",
-    # none to beyond water; found to 0.02 on a real dive
-    np.arange(1.0, 1.4401, 0.02),
-    _bent_rays,
-)
 
 EXCHANGED = "left and right look swapped"
 EXCHANGE = (

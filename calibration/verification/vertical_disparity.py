@@ -5,17 +5,10 @@ it.
 from dataclasses import dataclass
 
 from calibration.errors import counted
+from calibration.rig_errors import RangeError
 from calibration.verification.causes import NOT_TESTED, Causes
-from calibration.verification.large_causes import NOT_TRIED, BestFactor
 from calibration.verification.motion import NO_MOTION, Motion
-from calibration.verification.table import (
-    ENLARGED,
-    GIVE_RECTIFIED,
-    IN_AIR,
-    MOVED,
-    RECTIFIED,
-    LargeCause,
-)
+from calibration.verification.table import CUT_OUT, GIVE_RECTIFIED, IN_AIR, MOVED, RECTIFIED
 
 
 @dataclass(frozen=True)
@@ -30,12 +23,6 @@ class RowLimits:
     moved_ratio: float = 0.7
     # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
     drift_px: float = 20.0
-    # water is 1.33 to 1.36, and the grid steps by 0.02
-    water_index: tuple[float, float] = (1.26, 1.42)
-    # light bent by a port must leave less than this of what a moved camera leaves ...
-    air_ratio: float = 0.7
-    # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
-    air_gain_px: float = 0.05
     # rows of rectified images agree to 0.1 px; a camera that moved so that raw rows agree is not
     # usual
     rectified_ratio: float = 0.5
@@ -65,9 +52,6 @@ class RowCheck:
     roll_deg: the vertical offset, vertical scale (1 = none) and rotation of the right image that
     explain the most of it; unexplained_px: the median that these leave. behind_fraction: of the
     matches, those with impossible disparity (points behind infinity).
-    enlargement: of images cut out of those that were calibrated. port: the refractive index behind
-    a flat port. looks_bent: rows look like a yaw that no mount gives, and as much like another
-    distortion of the lenses.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked
     for and found.
     motion: between neighboring pairs, which shows what rows do not. causes: what explains both.
@@ -88,9 +72,6 @@ class RowCheck:
     roll_deg: float
     unexplained_px: float
     behind_fraction: float
-    enlargement: BestFactor = NOT_TRIED
-    port: BestFactor = NOT_TRIED
-    looks_bent: bool = False
     mistake: str = ""
     motion: Motion = NO_MOTION
     causes: Causes = NOT_TESTED
@@ -118,12 +99,10 @@ class RowCheck:
         return bool(
             self.swapped
             or self.causes.is_wrong
-            or self.motion.between_px
+            or self._between
             or self.refusal
             or self.mistake
             or self.change
-            or self.cut_out
-            or self.air_in_water
             or self.row_error_px > LIMITS.row_fraction * abs(self.disparity_px)
         )
 
@@ -197,7 +176,7 @@ class RowCheck:
     @property
     def is_lens(self) -> bool:
         """Tell whether ranges are wrong by what may be another distortion of the lenses."""
-        return self.looks_bent and self.causes.is_wrong
+        return self.causes.may_be_lens
 
     @property
     def _is_drift(self) -> bool:
@@ -209,26 +188,21 @@ class RowCheck:
         """Tell whether bending the rays as a flat port in water does explains rows that do not
         agree without it.
         """
-        bent_px = self.port.unexplained_px
-        return (
-            _is_water(self.port.factor)
-            and self._explains(bent_px)
-            and bent_px <= self.enlargement.unexplained_px
-        )
+        return self.causes.is_(IN_AIR) and not self._agree
 
     @property
     def cut_out(self) -> bool:
         """True if images cut out of those that were calibrated, and enlarged to their size, explain
         rows that do not agree.
         """
-        return self._explains(self.enlargement.unexplained_px) and not self.air_in_water
+        return self.causes.is_(CUT_OUT) and not self._agree
 
-    def _explains(self, left_px: float) -> bool:
-        """Tell whether a large cause that leaves so much explains rows where no small one does."""
-        gain_px = self.unexplained_px - left_px
-        clearly = left_px < LIMITS.air_ratio * self.unexplained_px and gain_px > LIMITS.air_gain_px
-        otherwise = self._agree or self.rectified_already or self.causes.is_simple
-        return clearly and not otherwise
+    @property
+    def _between(self) -> str:
+        """What differs from pair to pair in the motion, and does so without the cause that was
+        found.
+        """
+        return "" if self.causes.explains_motion else self.motion.between
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -245,29 +219,10 @@ class RowCheck:
                 "since, too, so that rows do not tell which",
             )
         advice = []
-        if self.air_in_water:
-            advice.append(self._large(IN_AIR, self.port))
-        elif self.cut_out:
-            air = (
-                "; a focal length measured in air looks the same in water: calibrate in water"
-                if _is_water(self.enlargement.factor)
-                else ""
-            )
-            advice.append(f"{self._large(ENLARGED, self.enlargement)}{air}")
-        elif not self._agree or self.causes.is_wrong or (self.causes.line and self.motion.is_found):
+        if not self._agree or self.causes.is_wrong or (self.causes.line and self.motion.is_found):
             advice.append(self._explanation)
-        advice += [self.motion.between] if self.motion.between_px else []
-        advice += [self.odd] if self.odd else []
+        advice += [one for one in (self._between, self.odd) if one]
         return tuple(advice)
-
-    def _large(self, cause: LargeCause, best: BestFactor) -> str:
-        text = cause.text.format(
-            factor=best.factor,
-            inverse=1 / best.factor,
-            left=best.unexplained_px,
-            rows=self.unexplained_px,
-        )
-        return f"{text}; {cause.cure}"
 
     def lines(self) -> list[str]:
         """The report line by line, the verdict last."""
@@ -281,16 +236,34 @@ class RowCheck:
             *(
                 []
                 if self.motion is NO_MOTION
-                or self.motion.between_px
+                or self._between
                 or self.mistake
                 or self.refusal
                 or self.change
-                else [self.motion.line]
+                else [self._of_motion]
             ),
             *self.advice,
             f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)"
             f"{only if rows_alone else ''}{self._mended}",
         ]
+
+    @property
+    def measured(self) -> RangeError | None:
+        """The error of ranges at the median disparity; None where none is known."""
+        if self.causes.explains_motion and self.causes.best:
+            best = self.causes.best
+            return RangeError(best.range_error, best.range_std, self.motion.at_m)
+        return self.motion.measured
+
+    @property
+    def _of_motion(self) -> str:
+        """What the motion tells by itself, where the cause that was found says the same."""
+        if self.causes.explains_motion and not self.causes.agrees_with(self.motion):
+            return (
+                f"motion between {counted(self.motion.couples, 'couple')} of neighboring pairs "
+                "fits a rigid bottom once the fault that is named below is undone"
+            )
+        return self.motion.line
 
     @property
     def _mended(self) -> str:
@@ -337,7 +310,3 @@ class RowCheck:
             else f"{what}: no movement, lens or mode explains it: pairs that are not of one "
             "moment, moving things, or images too noisy or blurred to be matched"
         )
-
-
-def _is_water(factor: float) -> bool:
-    return LIMITS.water_index[0] <= factor <= LIMITS.water_index[1]

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration import CalibrationError, Rectification
+from calibration import CalibrationError, Rectification, StereoRig
+from calibration.rectification import plan_rectification, raw_points
+from calibration.verification.causes import find_causes
 from calibration.verification.changes import (
     Changes,
     PairRows,
@@ -17,7 +19,7 @@ from calibration.verification.changes import (
     enlarged_side,
     pair_rows,
 )
-from calibration.verification.matches import QUICK, Matches, find_matches
+from calibration.verification.matches import QUICK, Matches, find_matches, rectified_matches
 from calibration.verification.motion import couple_across
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.sample import (
@@ -52,6 +54,8 @@ STANDS_OUT = 4.0
 """Of these, or of the usual deviations of a dive, from which on a pair has a look."""
 MOST_SUSPECTS = 8
 """Pairs that have one: each takes an eighth of a full check."""
+MOST_LEFT = 0.5
+"""Fraction of what pairs differ by that a fault which they share may leave when it is undone."""
 LEFT_OUT = "does not fit the rig of the other pairs, and is left out (see the note)"
 """Why a pair fails that does not fit the rig of the dive."""
 
@@ -78,9 +82,13 @@ def look_at(rectification: Rectification, pair: Pair, images: InputConfig) -> Pa
     """Describe a pair by a quick look at its rows; None where it cannot be read or shows too
     little.
     """
+    matches = _look(rectification, pair, images)
+    return pair_rows(matches, rectification.matching_pair) if matches else None
+
+
+def _look(rectification: Rectification, pair: Pair, images: InputConfig) -> Matches | None:
     with suppress(InputError, CalibrationError):
-        both = read_both(pair, images)
-        return _rows_of(rectification, both)
+        return find_matches(rectification, *read_both(pair, images), QUICK)
     return None
 
 
@@ -90,6 +98,7 @@ def _rows_of(rectification: Rectification, both: tuple[Image, Image]) -> PairRow
 
 
 def find_change(
+    rig: StereoRig,
     rectification: Rectification,
     pairs: Sequence[Pair],
     images: InputConfig,
@@ -98,21 +107,23 @@ def find_change(
     """Compare pairs spread over a dive, and look for the first and the last one that changed, and
     for those that EXIF turns otherwise than the others.
 
+    rectification: of the rig.
     known: pairs whose matches in the images that are matched are known; else COMPARED pairs have a
     quick look.
     """
     line, turned = turned_pairs(pairs, images, lambda both: _rows_of(rectification, both))
     if not turned:
-        return _find_change(rectification, pairs, images, known)
+        return _find_change(rig, rectification, pairs, images, known)
     others = [(pair, matches) for pair, matches in known if pair.name not in turned]
     change = _find_change(
-        rectification, [pair for pair in pairs if pair.name not in turned], images, others
+        rig, rectification, [pair for pair in pairs if pair.name not in turned], images, others
     )
     lines = "; ".join(filter(None, (line, change.line)))
     return replace(change, line=lines, odd=change.odd | turned)
 
 
 def _find_change(
+    rig: StereoRig,
     rectification: Rectification,
     pairs: Sequence[Pair],
     images: InputConfig,
@@ -146,6 +157,8 @@ def _find_change(
                 return DiveChange(_exchanged_line(wrong[0].name, wrong[-1].name), names)
         side = _side(rectification, pairs, first, changes, images)
         return DiveChange(_step_line(pairs, first, changes, side), is_rigid=False)
+    if changes.kind == "drift":
+        return DiveChange(_drift_line(pairs, changes), is_rigid=False)
     if changes.kind == "each":
         chosen = evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1]
         shift = constant_shift(chosen, pairs, rectification, images)
@@ -170,6 +183,28 @@ def _find_change(
         odd = {pairs[i].name for first, last in parts for i in range(first, last + 1)}
         return DiveChange("; ".join(lines), frozenset(odd))
     return DiveChange()
+
+
+def _are_alike_undone(rig: StereoRig, seen: Sequence[Matches | None]) -> bool:
+    """Tell whether pairs no longer differ once the fault that explains them together is undone: a
+    large one moves rows by other amounts where the scene is near and where it is far.
+    """
+    found = [matches for matches in seen if matches]
+    causes = find_causes(rig, found)
+    if not causes.explains or causes.rig is None:
+        return False
+    raw = [Matches(*raw_points(rig, one.left, one.right)) for one in found]
+    as_given, undone = (
+        [pair_rows(one, plan_rectification(by).matching_pair) for one in rectified_matches(by, raw)]
+        for by in (rig, causes.rig)
+    )
+    less = _spread_px(undone) < MOST_LEFT * _spread_px(as_given)
+    return less and not changes_of(undone).kind
+
+
+def _spread_px(rows: Sequence[PairRows | None]) -> float:
+    motions = np.array([one.motion_px for one in rows if one])
+    return float(np.linalg.norm(motions.std(axis=0))) if len(motions) else float("inf")
 
 
 def odd_among(
@@ -306,6 +341,16 @@ def _step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) -
 
 def _percent(larger: float) -> str:
     return f"{abs(larger):.1%} {'larger' if larger > 0 else 'smaller'}"
+
+
+def _drift_line(pairs: Sequence[Pair], changes: Changes) -> str:
+    return (
+        f"rows of the right images move steadily relative to the left ones, from {pairs[0].name} "
+        f"to {pairs[-1].name}, by {changes.spread_px:.1f} px (root mean square over the image): a "
+        "camera turns slowly in its mount, or a lens changes with temperature: if columns move "
+        f"like rows, ranges at one end of the dive are wrong by about {changes.range_error:.0%}: "
+        "process the dive in parts, each with run --refine or its own calibration"
+    )
 
 
 def _each_line(pairs: Sequence[Pair], changes: Changes) -> str:

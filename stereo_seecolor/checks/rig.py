@@ -89,12 +89,12 @@ def _full_check(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -
     if rows is None:
         return NOTHING_FOUND
     if not replace(rows, odd="").advice:
-        return DiveVerdict(measured=rows.motion.measured)
+        return DiveVerdict(measured=rows.measured)
     refine = " (stereo-seecolor run --refine)" if rows.has_moved else ""
     return DiveVerdict(
         (f"calibration: {'; '.join(replace(rows, odd='').advice)}{refine}",),
         RANGES if rows.ranges_are_wrong else frozenset(),
-        rows.motion.measured,
+        rows.measured,
     )
 
 
@@ -154,7 +154,9 @@ def judge_rig(
     mistake: FoundMistake | None = None
     refusal = rows.refusal if rows else ""
     if not refusal and (rows is None or may_be_wrong(rows)):
-        mistake = likely_mistake(rig, first_images(evenly_spaced(pairs, DECIDING_PAIRS), images))
+        rival = rows.causes.rig if rows and rows.causes.explains else None
+        few = first_images(evenly_spaced(pairs, DECIDING_PAIRS), images)
+        mistake = likely_mistake(rig, few, rival)
         refusal = mistake.line if mistake else _out_of_step(rig, pairs, images) or ""
     if rows is None:
         return JudgedRig(None, mistake, refusal, too_few)

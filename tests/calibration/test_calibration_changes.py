@@ -37,6 +37,16 @@ def test_pairs_of_a_rig_that_has_drifted_agree() -> None:
     assert changes_of([rows(i, 4.0, 0.3, 1.01) for i in range(8)]).kind == ""
 
 
+@pytest.mark.parametrize("pairs", [8, 12])
+def test_a_steady_change_is_a_drift_and_a_sudden_one_a_step(pairs: int) -> None:
+    drift = changes_of([rows(i, 4.0 * i / (pairs - 1)) for i in range(pairs)])
+    assert (drift.kind, drift.first, drift.last) == ("drift", 0, pairs - 1)
+    assert drift.spread_px == pytest.approx(4.0, abs=0.2)
+    for first in (pairs // 4, pairs // 2, 3 * pairs // 4):
+        step = changes_of([rows(i, 4.0 * (i >= first)) for i in range(pairs)])
+        assert (step.kind, step.first, step.last) == ("step", first, pairs - 1)
+
+
 def test_too_few_pairs_or_points_tell_nothing() -> None:
     assert changes_of([rows(0), rows(1), rows(2, 5.0)]).kind == ""
     few = Matches(np.zeros((20, 2)), np.zeros((20, 2)))

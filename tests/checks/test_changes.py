@@ -118,8 +118,8 @@ def test_exchanged_pairs_are_named_once(swapped: range, tmp_path: Path) -> None:
         Pair(pair.name, pair.right, pair.left) if i in swapped else pair
         for i, pair in enumerate(own)
     ]
-    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-    found = find_change(rectification, pairs, InputConfig())
+    rig = load_rig(REEF / "cam.yaml")
+    found = find_change(rig, Rectification.from_rig(rig), pairs, InputConfig())
     first, last = pairs[swapped[0]].name, pairs[swapped[-1]].name
     assert f"from {first} to {last}: left and right are exchanged" in found.line
     assert found.odd == {pairs[i].name for i in swapped} and found.is_rigid
@@ -146,6 +146,6 @@ def test_an_odd_pair_between_those_that_are_compared_is_found_by_its_numbers(
 
 @pytest.mark.slow
 def test_the_sample_dive_is_of_one_rig() -> None:
-    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    rig = load_rig(REEF / "cam.yaml")
     pairs = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
-    assert find_change(rectification, pairs, InputConfig()).line == ""
+    assert find_change(rig, Rectification.from_rig(rig), pairs, InputConfig()).line == ""

@@ -48,7 +48,8 @@ def test_pairs_turned_by_their_tag_are_named_and_left_out(dive, tags, first: str
     root = dive(tags)
     images = RunConfig().input
     pairs = pairs_of(root / "left", root / "right", images).pairs
-    found = find_change(Rectification.from_rig(load_rig(root / "cam.yaml")), pairs, images)
+    rig = load_rig(root / "cam.yaml")
+    found = find_change(rig, Rectification.from_rig(rig), pairs, images)
     assert first in found.line
     assert found.is_rigid
     numbers = {number for side in tags.values() for number in side}
@@ -60,7 +61,8 @@ def test_pixels_that_were_stored_as_their_tag_says_are_no_fault(dive) -> None:
     root = dive({"right": {2: 3, 3: 3}}, upright=True)
     images = RunConfig().input
     pairs = pairs_of(root / "left", root / "right", images).pairs
-    found = find_change(Rectification.from_rig(load_rig(root / "cam.yaml")), pairs, images)
+    rig = load_rig(root / "cam.yaml")
+    found = find_change(rig, Rectification.from_rig(rig), pairs, images)
     assert (found.line, found.odd) == ("", frozenset())
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from calibration.rectification import plan_rectification, rectified_points
+from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.rig import Camera, StereoRig
 from calibration.verification.matches import Matches
 from calibration.verification.rigid_motion import SeenTwice
-from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 SIZE = (960, 720)
@@ -133,9 +133,11 @@ def drawn_dive(
         place = np.array([0.25 * number, rng.normal(0, 0.05), rng.normal(0, 0.08)])
         in_left = (bottom - place) @ turn.T
         pixels, visible = {}, np.ones(len(bottom), bool)
+        # in water, from the centers of cameras behind a port
+        left_camera, right_camera, T_right_left = cameras_in_water(true)
         for side, camera, T in (
-            ("left", true.left, np.eye(4)),
-            ("right", true.right, true.T_right_left),
+            ("left", left_camera, np.eye(4)),
+            ("right", right_camera, T_right_left),
         ):
             at = in_left @ T[:3, :3].T + T[:3, 3]
             there, inside = _projected(camera, at)
@@ -158,11 +160,12 @@ def drawn_dive(
     return DrawnDive(given, matches, couples, float(np.median(np.concatenate(errors))))
 
 
-def _projected(camera: Camera, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, camera.distortion)
+def _projected(camera: Camera | CameraInWater, points: Array) -> tuple[Array, NDArray[np.bool_]]:
     slopes = np.abs(points[:, :2] / points[:, 2:])
     near = (points[:, 2] > 0.3) & (slopes < 1.0).all(axis=1)
-    return np.asarray(pixels.reshape(-1, 2)), near
+    if isinstance(camera, CameraInWater):
+        return camera.project_points(points + camera.center_m), near
+    return camera.project(points), near
 
 
 def _couple(
@@ -170,7 +173,7 @@ def _couple(
     second: tuple[Array, Matches, NDArray[np.int64]],
     geometry: RectifiedPair,
 ) -> SeenTwice:
-    sides = []
+    sides, rows = [], []
     _, here, there = np.intersect1d(first[2], second[2], return_indices=True)
     kept = np.ones(len(here), bool)
     for (_, matches, _), index in ((first, here), (second, there)):
@@ -178,6 +181,5 @@ def _couple(
         disparity = left[:, 0] - right[:, 0] - (geometry.cx_left_px - geometry.cx_right_px)
         kept &= (np.abs(left[:, 1] - right[:, 1]) < 5) & (disparity > 1)
         sides.append(np.column_stack([left - [geometry.cx_left_px, geometry.cy_px], disparity]))
-    rows = (first[1].right - first[1].left)[here][kept, 1]
-    (_, _, roll), _ = explain(rows, sides[0][kept][:, :2])
-    return SeenTwice(sides[0][kept], sides[1][kept], float(roll))
+        rows.append((right - left)[:, 1])
+    return SeenTwice(sides[0][kept], sides[1][kept], np.column_stack(rows)[kept])
