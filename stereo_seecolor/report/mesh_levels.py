@@ -270,9 +270,8 @@ def _level(
         box = np.concatenate([middles.min(axis=0), middles.max(axis=0)])
         return place, box, len(middles)
 
-    made = [
-        each for each in Threads(at_once(cores(), TILE_BYTES)).each(tile, sorted(places)) if each
-    ]
+    threads = Threads(at_once(cores(), TILE_BYTES))
+    made = [each for each in threads.each(tile, sorted(places)) if each]
     boxes = {place: box for place, box, _ in made}
     count = sum(triangles for *_, triangles in made)
     return Level(cell_m, south_west, edge_m, folder, boxes, count)
