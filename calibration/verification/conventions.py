@@ -54,9 +54,14 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     if not np.isfinite(min(errors_px)):
         raise failure
     best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
-    others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
+    others_px = [error for i, error in enumerate(errors_px) if i != best]
+    verdict = (
+        "this reading fits the images"
+        if min(others_px) > CLEARLY_BETTER * errors_px[best]
+        else "the images do not decide, the most usual reading is taken"
+    )
     doubt = (
-        f"{readings[best].reading}: this reading fits the images: rows agree to "
-        f"{errors_px[best]:.1f} px, otherwise to {others} px"
+        f"{readings[best].reading}: {verdict}: rows agree to {errors_px[best]:.1f} px, "
+        f"otherwise to {', '.join(f'{error:.1f}' for error in others_px)} px"
     )
     return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))

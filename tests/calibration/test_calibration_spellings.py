@@ -12,13 +12,16 @@ import pytest
 import yaml
 from calibration_binaries import SIZE, small_rig, stereo_objects, write_mat5
 from calibration_boards import rendered
+from drawn_rigs import drawn_dive, turned
 from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.formats import load_rig, write_rig
 from calibration.formats.ros import rectified_rig, transform_of_projections
-from calibration.verification.conventions import resolve_convention
+from calibration.rectification import raw_points
+from calibration.verification.conventions import resolve_convention, settle_matches
+from calibration.verification.matches import Matches
 
 RIG = small_rig()
 
@@ -232,6 +235,17 @@ def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path
     assert settled.alternatives == ()
     assert "this reading fits the images" in settled.doubts[-1]
     assert Rectification.from_rig(settled).pair.baseline_m == pytest.approx(RIG.baseline_m)
+
+
+def test_readings_that_fit_alike_are_not_called_settled() -> None:
+    drawn = drawn_dive(pairs=3)
+    raw = [Matches(*raw_points(drawn.rig, one.left, one.right)) for one in drawn.matches]
+    doubts = {
+        name: settle_matches(replace(drawn.rig, alternatives=(other,)), raw).doubts[-1]
+        for name, other in {"alike": drawn.rig, "worse": turned(roll=0.05)}.items()
+    }
+    assert "the images do not decide" in doubts["alike"]
+    assert "this reading fits the images" in doubts["worse"]
 
 
 LEFT = {"camera_matrix": RIG.left.K.tolist(), "dist_coeffs": RIG.left.distortion.tolist()}

@@ -38,7 +38,7 @@ def test_heights_structure_and_mounds_lie_within_their_standard_errors(
     found = {
         **BENCHMARK["heights"](at, 20, rng),
         **BENCHMARK["structures"](at, 30, rng),
-        **BENCHMARK["outlines"](at, 30, rng),
+        **BENCHMARK["outlines"](at, 35, rng),
     }
     for name in ("height of a cell", "volume_l of a mound", "rugosity_area of squares"):
         z = np.array(found[name])
