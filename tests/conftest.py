@@ -62,8 +62,10 @@ def keep_to_one_core() -> None:
 
 keep_to_one_core()
 
-settings.register_profile("untimed", deadline=None)  # a busy machine is no failure
-settings.load_profile("untimed")
+# a busy machine is no failure; the same examples each time, so that what fails is the change's
+settings.register_profile("same", deadline=None, derandomize=True)
+settings.register_profile("other", deadline=None)  # --hypothesis-profile=other looks further
+settings.load_profile("same")
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
