@@ -92,7 +92,9 @@ def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("Chromium is not installed (apt-get install chromium, or CHROMIUM=PATH)")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE))
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=list(SOFTWARE), timeout=2000 * PATIENCE_S
+        )
         expect.set_options(timeout=1000 * PATIENCE_S)
         yield browser
         browser.close()
