@@ -79,7 +79,7 @@ class Firefox:
         }
         self.send("input.performActions", context=self.tab, actions=[mouse])
 
-    def until(self, condition: str, seconds: float = 30.0) -> None:
+    def until(self, condition: str, seconds: float = 120.0) -> None:
         """Wait until an expression is true."""
         end_s = time.monotonic() + seconds
         while not self.ask(condition):
