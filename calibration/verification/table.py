@@ -107,15 +107,14 @@ def _moved_center(along: int) -> Callable[[StereoRig, float], StereoRig]:
     return make
 
 
-def _with_focal(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
-    def longer(camera: Camera, larger: float) -> Camera:
-        K = camera.K.copy()
-        K[[0, 1], [0, 1]] *= 1 + larger
-        return replace(camera, K=K)
+def _of_sides(
+    change: Callable[[Camera, float], Camera], *sides: str
+) -> Callable[[StereoRig, float], StereoRig]:
+    """Make the rig with a change of the cameras of these sides, by an amount."""
 
-    def make(rig: StereoRig, larger: float) -> StereoRig:
+    def make(rig: StereoRig, amount: float) -> StereoRig:
         left, right = (
-            longer(getattr(rig, side), larger) if side in sides else getattr(rig, side)
+            change(getattr(rig, side), amount) if side in sides else getattr(rig, side)
             for side in ("left", "right")
         )
         return replace(rig, left=left, right=right)
@@ -123,21 +122,24 @@ def _with_focal(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
     return make
 
 
-def _enlarged(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
-    def of(camera: Camera, factor: float) -> Camera:
-        K, middle = camera.K.copy(), (np.array(camera.image_size) - 1) / 2
-        K[:2, :2] *= factor
-        K[:2, 2] = middle + factor * (K[:2, 2] - middle)
-        return replace(camera, K=K)
+def _longer(camera: Camera, larger: float) -> Camera:
+    K = camera.K.copy()
+    K[[0, 1], [0, 1]] *= 1 + larger
+    return replace(camera, K=K)
 
-    def make(rig: StereoRig, larger: float) -> StereoRig:
-        left, right = (
-            of(getattr(rig, side), 1 + larger) if side in sides else getattr(rig, side)
-            for side in ("left", "right")
-        )
-        return replace(rig, left=left, right=right, alternatives=())
 
-    return make
+def _enlarged(camera: Camera, larger: float) -> Camera:
+    K, middle = camera.K.copy(), (np.array(camera.image_size) - 1) / 2
+    K[:2, :2] *= 1 + larger
+    K[:2, 2] = middle + (1 + larger) * (K[:2, 2] - middle)
+    return replace(camera, K=K)
+
+
+def _bent(camera: Camera, more: float) -> Camera:
+    size = max(camera.distortion.size, 4 if camera.model == "fisheye" else 5)
+    distortion = np.pad(camera.distortion, (0, size - camera.distortion.size))
+    distortion[0] += more
+    return replace(camera, distortion=distortion)
 
 
 def _in_water(rig: StereoRig, more: float) -> StereoRig:
@@ -150,23 +152,6 @@ def _in_water(rig: StereoRig, more: float) -> StereoRig:
     return replace(rig, medium="air", port=port)
 
 
-def _other_lens(*sides: str) -> Callable[[StereoRig, float], StereoRig]:
-    def bent(camera: Camera, more: float) -> Camera:
-        size = max(camera.distortion.size, 4 if camera.model == "fisheye" else 5)
-        distortion = np.pad(camera.distortion, (0, size - camera.distortion.size))
-        distortion[0] += more
-        return replace(camera, distortion=distortion)
-
-    def make(rig: StereoRig, more: float) -> StereoRig:
-        left, right = (
-            bent(getattr(rig, side), more) if side in sides else getattr(rig, side)
-            for side in ("left", "right")
-        )
-        return replace(rig, left=left, right=right)
-
-    return make
-
-
 LARGER = Amount(1, 1e-3, 1.5, zero=1)
 """Narrow modes of action cameras keep a half of each side."""
 CUT_OUT = Cause(
@@ -174,7 +159,7 @@ CUT_OUT = Cause(
     "size",
     LARGER,
     "give the whole images, or a calibration of this (or of the stabilized) mode",
-    _enlarged("left", "right"),
+    _of_sides(_enlarged, "left", "right"),
 )
 IN_AIR = Cause(
     "light bent by a flat port (index {} +- {}), as with a calibration made in air",
@@ -186,9 +171,9 @@ IN_AIR = Cause(
 LENSES = tuple(
     Cause(f"{of} otherwise (k1 by {{}} +- {{}})", Amount(1, 1e-3, 0.5), OTHER, make)
     for of, make in (
-        ("lenses that bend", _other_lens("left", "right")),
-        ("a lens of the right side that bends", _other_lens("right")),
-        ("a lens of the left side that bends", _other_lens("left")),
+        ("lenses that bend", _of_sides(_bent, "left", "right")),
+        ("a lens of the right side that bends", _of_sides(_bent, "right")),
+        ("a lens of the left side that bends", _of_sides(_bent, "left")),
     )
 )
 CAUSES = (
@@ -220,7 +205,7 @@ CAUSES = (
             f"a focal length of {of} {{}} +- {{}} % longer{why}",
             RELATIVE,
             OTHER,
-            _with_focal(*sides),
+            _of_sides(_longer, *sides),
         )
         for of, why, sides in (
             ("the right side", "", ("right",)),
@@ -235,7 +220,7 @@ CAUSES = (
             "times",
             replace(LARGER, least=0.04),  # less is rather another focal length
             OTHER,
-            _enlarged(side),
+            _of_sides(_enlarged, side),
         )
         for side in ("left", "right")
     ),

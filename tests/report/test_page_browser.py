@@ -881,6 +881,14 @@ def test_measures_on_the_map_are_those_of_the_command_line(
             assert (mine.get("volume_std_l") or 0) == pytest.approx(std_l, rel=0.01)
 
 
+def map_in(context: BrowserContext, out: Path) -> Page:
+    """The map of a run, in a new tab of a browser."""
+    page = context.new_page()
+    page.goto(f"{(out / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    return page
+
+
 @pytest.mark.slow
 def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_them(
     new_context: Callable[..., BrowserContext], mapped: Path, tmp_path: Path
@@ -889,9 +897,7 @@ def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_th
     shutil.copytree(mapped, out)
 
     def opened(context: BrowserContext) -> Page:
-        page = context.new_page()
-        page.goto(f"{(out / 'index.html').as_uri()}#map")
-        page.locator(".map-stage canvas").wait_for()
+        page = map_in(context, out)
         page.get_by_role("button", name="Point", exact=True).click()
         return page
 
@@ -957,12 +963,6 @@ def test_random_points_beside_the_page_are_found_in_another_browser(
     out = tmp_path / "out"
     shutil.copytree(mapped, out)
 
-    def opened(context: BrowserContext) -> Page:
-        page = context.new_page()
-        page.goto(f"{(out / 'index.html').as_uri()}#map")
-        page.locator(".map-stage canvas").wait_for()
-        return page
-
     def placed(page: Page, count: int, *labels: str) -> None:
         page.get_by_label("How many points").fill(str(count))
         page.get_by_role("button", name="Random points").click()
@@ -975,7 +975,7 @@ def test_random_points_beside_the_page_are_found_in_another_browser(
     def done(page: Page) -> Locator:
         return page.locator(".cover-bar output")
 
-    mine, theirs = opened(new_context()), opened(new_context())
+    mine, theirs = map_in(new_context(), out), map_in(new_context(), out)
     placed(theirs, 10)
     placed(mine, 12, "Sand", "Rock", "Sand")
     other_tab = mine.context.new_page()
@@ -985,7 +985,7 @@ def test_random_points_beside_the_page_are_found_in_another_browser(
         mine.get_by_role("button", name="Save points and measurements (JSON)").click()
     saved.value.save_as(out / "measures.json")
     report(out)
-    new = opened(new_context())
+    new = map_in(new_context(), out)
     expect(done(new)).to_have_text("3 of 12 labeled")
     first = new.locator(".cover tbody tr").first.locator("td")
     assert first.all_inner_texts()[:2] == ["Sand", "2"]
