@@ -92,6 +92,14 @@ def plan_rectification(rig: StereoRig) -> RectificationPlan:
     return RectificationPlan(pair, R_left, R_right)
 
 
+def rectified_slopes(camera: Camera | CameraInWater, R: Array, pixels: Array) -> Array:
+    """Convert raw pixels (n, 2) of a camera to slopes x / z and y / z (n, 2) in rectified axes, to
+    which R (3, 3) turns the camera's; NaN where a lens does not reach.
+    """
+    x, y, z = (camera.rays(pixels) @ R.T).T
+    return np.column_stack([x / z, y / z])
+
+
 def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
     """Convert pixels (n, 2) of the raw left and right images to the images that are matched; NaN
     where a lens does not reach.
@@ -103,12 +111,8 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
         (left_camera, plan.R_left_matching, left),
         (right_camera, plan.R_right_matching, right),
     ):
-        x, y, z = (camera.rays(pixels) @ R.T).T
-        rectified.append(
-            np.column_stack(
-                [x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px]
-            )
-        )
+        slopes = rectified_slopes(camera, R, pixels)
+        rectified.append(slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px])
     if rig.is_rectified:
         rectified[1][:, 0] += pair.cx_right_px - pair.cx_left_px
     return rectified[0], rectified[1]
@@ -132,6 +136,7 @@ def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]
 
 
 QUARTER_TURNS = {1: cv2.ROTATE_90_COUNTERCLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_CLOCKWISE}
+"""OpenCV's codes of quarter turns counterclockwise."""
 
 
 def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:

@@ -19,7 +19,12 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
-from calibration.rectification import plan_rectification, raw_points, upright_rotations
+from calibration.rectification import (
+    plan_rectification,
+    raw_points,
+    rectified_slopes,
+    upright_rotations,
+)
 from calibration.refraction import cameras_in_water
 from calibration.resampling import jackknife
 from calibration.rig import StereoRig, quarter_turn
@@ -315,11 +320,7 @@ class _Reading:
         """(n, 2) rectified slopes of raw pixels; NaN where a lens does not reach."""
         at_left, at_right, _ = cameras_in_water(self.rig)
         R_left, R_right = self._turns
-        found = []
-        for camera, R, pixels in ((at_left, R_left, left), (at_right, R_right, right)):
-            x, y, z = (camera.rays(pixels) @ R.T).T
-            found.append(np.column_stack([x / z, y / z]))
-        return found[0], found[1]
+        return rectified_slopes(at_left, R_left, left), rectified_slopes(at_right, R_right, right)
 
     def points(self, left: Array, disparity: Array) -> Array:
         """(n, 3) meters from the left camera, of rectified slopes and their disparity; NaN behind
