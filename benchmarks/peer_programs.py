@@ -141,9 +141,8 @@ def colmap(folder: Path) -> None:
 
 
 def open3d(folder: Path) -> None:
-    """Open3D's RGB-D odometry from pair to pair, and its TSDF of 1 cm voxels, on our ranges (as
-    depths in depth.npy). Writes track.npy and cloud.npy, meters. A step that it gives up on is no
-    motion, as it returns it.
+    """Open3D's RGB-D odometry from pair to pair, and its fusion by this track. A step that it gives
+    up on is no motion, as it returns it. Writes track.npy.
     """
     import cv2
     import numpy as np
@@ -156,35 +155,55 @@ def open3d(folder: Path) -> None:
         width, height, dive["fx"], dive["fx"], dive["cx"], dive["cy"]
     )
 
-    def frame(index: int, gray: bool) -> Any:
+    def frame(index: int) -> Any:
         image = cv2.imread(str(folder / "images" / "left" / dive["names"][index]))
         return library.geometry.RGBDImage.create_from_color_and_depth(
             library.geometry.Image(np.ascontiguousarray(image[..., ::-1])),
             library.geometry.Image(depths[index]),
             depth_scale=1.0,
             depth_trunc=10.0,
-            convert_rgb_to_intensity=gray,
         )
 
-    volume = library.pipelines.integration.ScalableTSDFVolume(
-        0.01, 0.04, library.pipelines.integration.TSDFVolumeColorType.RGB8
+    poses = [np.eye(4)]
+    for index in range(1, len(depths)):
+        _, T_before_now, _ = library.pipelines.odometry.compute_rgbd_odometry(
+            frame(index),
+            frame(index - 1),
+            camera,
+            np.eye(4),
+            library.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm(),
+            library.pipelines.odometry.OdometryOption(depth_max=10.0),
+        )
+        poses.append(poses[-1] @ T_before_now)
+    np.save(folder / "track.npy", np.array(poses)[:, :3, 3])
+    _fused_by_open3d(folder, np.array(poses))
+
+
+def open3d_by_our_track(folder: Path) -> None:
+    """Open3D's fusion by our track. Writes track.npy, which is ours."""
+    import numpy as np
+
+    poses = np.load(folder / "our_poses.npy")
+    np.save(folder / "track.npy", poses[:, :3, 3])
+    _fused_by_open3d(folder, poses)
+
+
+def _fused_by_open3d(folder: Path, poses: Any) -> None:
+    """Open3D's voxel blocks of 1 cm, on our ranges (as depths in depth.npy). Writes cloud.npy,
+    meters. (ScalableTSDFVolume of 0.20.0 has no points even of a plane.)
+    """
+    import numpy as np
+    import open3d as library
+
+    dive = json.loads((folder / "dive.json").read_text())
+    K = np.array([[dive["fx"], 0, dive["cx"]], [0, dive["fx"], dive["cy"]], [0, 0, 1]])
+    grid = library.t.geometry.VoxelBlockGrid(
+        ("tsdf", "weight"), (library.core.float32,) * 2, ((1,), (1,)), voxel_size=0.01
     )
-    pose, track = np.eye(4), []
-    for index in range(len(depths)):
-        if index:
-            _, T_before_now, _ = library.pipelines.odometry.compute_rgbd_odometry(
-                frame(index, True),
-                frame(index - 1, True),
-                camera,
-                np.eye(4),
-                library.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm(),
-                library.pipelines.odometry.OdometryOption(depth_max=10.0),
-            )
-            pose = pose @ T_before_now
-        track.append(pose[:3, 3].copy())
-        volume.integrate(frame(index, False), camera, np.linalg.inv(pose))
-    np.save(folder / "track.npy", np.array(track))
-    points = np.asarray(volume.extract_point_cloud().points)
-    if not len(points):
-        raise RuntimeError("no surface came out; whether by Open3D or by this call is not settled")
+    for depth, pose in zip(np.load(folder / "depth.npy"), poses, strict=True):
+        image = library.t.geometry.Image(library.core.Tensor(depth))
+        seen = image, library.core.Tensor(K), library.core.Tensor(np.linalg.inv(pose))
+        blocks = grid.compute_unique_block_coordinates(*seen, depth_scale=1.0, depth_max=10.0)
+        grid.integrate(blocks, *seen, depth_scale=1.0, depth_max=10.0)
+    points = grid.extract_point_cloud(weight_threshold=0.5).point.positions.numpy()
     np.save(folder / "cloud.npy", points)
