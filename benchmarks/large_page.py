@@ -147,7 +147,7 @@ def write(out: Path, folder: Path, name: str, new: str, scale: int, offset_m: li
 
 def steps_of(part: dict[str, Any]) -> NDArray[np.int64]:
     """(N, 3) the places of the vertices, as web/src/pieces.ts reads them."""
-    deflated = base64.b64decode(part["positions"])
+    deflated = base64.b85decode(part["positions"])
     planes = np.frombuffer(zlib.decompress(deflated), np.uint8).reshape(3, -1).astype(np.int64)
     folded = planes[0] | planes[1] << 8 | planes[2] << 16
     differences = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1)

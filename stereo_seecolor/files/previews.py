@@ -23,12 +23,14 @@ class PreviewSize:
 
 THUMBNAIL = PreviewSize(192, 72)
 """96 CSS pixels wide on a screen of double density; about 4 kB: 5,000 of them are 20 MB."""
-SCREEN = PreviewSize(1600, 80)
+SCREEN = PreviewSize(1600, 75)
 """As wide as the viewer on a large screen, without blocks to be seen: the full image is a click
 away.
 """
 LIVE = PreviewSize(480, 72)
 """Three beside each other on a laptop; about 30 kB."""
+SMALL = (cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+"""A JPEG of the same pixels in 5 % less, for 16 ms of a picture of 1.4 megapixels."""
 RANGE_PX = 960
 """Longer side of a picture of ranges, about: enough for a page."""
 NEAR, FAR = 0.02, 0.98
@@ -48,7 +50,7 @@ def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:
     _, encoded = cv2.imencode(
         ".jpg",
         cv2.cvtColor(eight_bit(pixels), cv2.COLOR_RGB2BGR),
-        [cv2.IMWRITE_JPEG_QUALITY, size.quality],
+        [cv2.IMWRITE_JPEG_QUALITY, size.quality, *SMALL],
     )
     return encoded.tobytes()
 

@@ -52,7 +52,7 @@ def test_tiles_hold_the_sides_of_the_whole(sides: bool) -> None:
         expected = whole[:, left : left + width]
         assert bool(found) == expected.any()
         if found:
-            bits = np.frombuffer(zlib.decompress(base64.b64decode(found["sides"])), np.uint8)
+            bits = np.frombuffer(zlib.decompress(base64.b85decode(found["sides"])), np.uint8)
             np.testing.assert_array_equal(
                 np.unpackbits(bits)[: n * width].reshape(n, width), expected
             )

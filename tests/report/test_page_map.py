@@ -62,7 +62,7 @@ def unpacked(packed: dict[str, Any]) -> Piece:
 
     def read(name: str, planes: int) -> np.ndarray:
         content = (
-            np.frombuffer(zlib.decompress(base64.b64decode(packed[name])), np.uint8)
+            np.frombuffer(zlib.decompress(base64.b85decode(packed[name])), np.uint8)
             .reshape(planes, -1)
             .astype(np.int64)
         )
@@ -268,7 +268,7 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
     heights_m[rng.random(heights_m.shape) < 0.2] = np.nan
     packed = coded_heights(heights_m)
     planes = (
-        np.frombuffer(zlib.decompress(base64.b64decode(packed["heights"])), np.uint8)
+        np.frombuffer(zlib.decompress(base64.b85decode(packed["heights"])), np.uint8)
         .reshape(2, 70, 90)
         .astype(np.uint16)
     )
@@ -279,7 +279,7 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
         .cumsum(axis=0, dtype=np.uint16)
     )
     known = (
-        np.unpackbits(np.frombuffer(zlib.decompress(base64.b64decode(packed["known"])), np.uint8))[
+        np.unpackbits(np.frombuffer(zlib.decompress(base64.b85decode(packed["known"])), np.uint8))[
             : 70 * 90
         ].reshape(70, 90)
         > 0

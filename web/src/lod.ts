@@ -8,7 +8,7 @@ const FILL_CELLS = 1.5;
 const TEXELS_PER_CELL = 4; // of a textured piece: its texture hides that cells are coarser than a pixel, but for outlines
 const MOST_TRIANGLES = 3_000_000; // in memory: 40 bytes each
 const MOST_TEXELS = 64_000_000; // 4 bytes each, and a third more for coarser copies
-const SAMPLE = 500; // vertices of a piece: its outline to a few percent
+const SAMPLE = 1000; // vertices of a piece: its outline to a few percent
 const AT_ONCE = 3; // pieces that are fetched at a time
 
 /** How fine a piece is as it is seen. */
@@ -70,13 +70,7 @@ export class Detail {
 
   /** Some vertices of pieces: of all that are loaded, unless some are named. */
   sample(names: Iterable<string> = this.parts.keys()): Vector3[] {
-    const found: Vector3[] = [];
-    for (const mesh of [...names].flatMap((name) => this.meshes(name))) {
-      const position = mesh.geometry.getAttribute("position");
-      const step = Math.max(1, Math.floor(position.count / SAMPLE));
-      for (let i = 0; i < position.count; i += step) found.push(new Vector3().fromBufferAttribute(position, i));
-    }
-    return found;
+    return [...names].flatMap((name) => (this.parts.get(name)?.userData.sample as Vector3[] | undefined) ?? []);
   }
 
   /** How fine the piece of a drawn mesh is. */
@@ -108,12 +102,10 @@ export class Detail {
     const eye = camera.position;
     camera.updateMatrixWorld();
     const sight = new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
-    const coarseness = (box: Box3, each: Piece) => (fineness_m(each) * pixels) / Math.max(box.distanceToPoint(eye), camera.near);
     const visit = (name: string, parent: string) => {
       const each = this.pieces[name];
       this.used.set(name, this.clock);
-      const box = this.boxes.get(name) as Box3;
-      const tooCoarse = sight.intersectsBox(box) ? coarseness(box, each) : 0;
+      const tooCoarse = (fineness_m(each) * pixels) / Math.max(this.away_m(name, eye, sight), camera.near);
       const finer = each.finer;
       if (tooCoarse > coarsest_px && finer.length) {
         if (finer.every((child) => this.parts.has(child))) {
@@ -145,6 +137,14 @@ export class Detail {
     const room = AT_ONCE - this.loading.size;
     const next = [...wanted].filter(([name]) => !this.loading.has(name)).sort((a, b) => b[1] - a[1]);
     for (const [name] of next.slice(0, Math.max(room, 0))) if (this.hasRoom(name)) void this.load(name);
+  }
+
+  /** How far away a piece is where it is in sight, by some of its vertices; without any in sight, by the boxes around its blocks, which may reach up to the viewer. */
+  private away_m(name: string, eye: Vector3, sight: Frustum): number {
+    const nearest_m = this.sample([name]).reduce((least, point) => (sight.containsPoint(point) ? Math.min(least, point.distanceTo(eye)) : least), Infinity);
+    if (nearest_m < Infinity) return nearest_m;
+    const boxes = this.meshes(name).map(({ geometry }) => geometry.boundingBox as Box3);
+    return boxes.reduce((least, box) => (sight.intersectsBox(box) ? Math.min(least, box.distanceToPoint(eye)) : least), Infinity);
   }
 
   /** Whether a drawn piece touches one of a coarser level. */
@@ -185,6 +185,7 @@ export class Detail {
       const part = new Group().add(...meshes);
       for (const mesh of meshes) mesh.material = mesh.geometry.hasAttribute("color") ? this.material : mesh.material;
       part.name = name;
+      part.userData.sample = sampled(meshes);
       part.visible = false;
       this.parts.set(name, part);
       if (this.raw) await this.paint(name);
@@ -196,15 +197,25 @@ export class Detail {
   }
 
   private async paint(name: string): Promise<void> {
-    if (this.pieces[name].texel_m) return;
-    const [{ geometry }] = this.meshes(name);
-    const wanted = this.raw ? "raw" : "corrected";
-    if (!geometry.userData.corrected) geometry.userData.corrected = geometry.getAttribute("color");
-    if (this.raw) geometry.userData.raw ??= await rawColors(name, geometry.getAttribute("position").count).catch(() => null);
-    const colors = geometry.userData[wanted];
-    if (colors) geometry.setAttribute("color", colors);
+    const kept = this.parts.get(name)?.userData;
+    if (!kept || this.pieces[name].texel_m) return;
+    const meshes = this.meshes(name);
+    kept.corrected ??= meshes[0].geometry.getAttribute("color");
+    if (this.raw) kept.raw ??= await rawColors(name, kept.corrected.count).catch(() => null);
+    const colors = this.raw ? kept.raw : kept.corrected;
+    if (colors) for (const { geometry } of meshes) geometry.setAttribute("color", colors);
     this.changed();
   }
+}
+
+/** Some vertices of a piece. */
+function sampled(meshes: Mesh[]): Vector3[] {
+  const found: Vector3[] = [];
+  for (const position of new Set(meshes.map(({ geometry }) => geometry.getAttribute("position")))) {
+    const step = Math.max(1, Math.floor(position.count / SAMPLE));
+    for (let i = 0; i < position.count; i += step) found.push(new Vector3().fromBufferAttribute(position, i));
+  }
+  return found;
 }
 
 export function vector([x, y, z]: number[]): Vector3 {

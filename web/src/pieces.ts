@@ -1,9 +1,11 @@
 // Pieces of the map's mesh: loaded as scripts, inflated, and made into geometry (stereo_seecolor/report/map_mesh.py).
 
-import { BufferAttribute, BufferGeometry, Mesh, MeshBasicMaterial, SRGBColorSpace, Texture, type Material } from "three";
+import { Box3, BufferAttribute, BufferGeometry, LinearMipmapNearestFilter, Mesh, MeshBasicMaterial, Sphere, Texture, Vector3, type Material } from "three";
 import { fromText, inflated } from "./ranges";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
+
+const BLOCK_TRIANGLES = 4000; // drawn in a millisecond without a graphics card
 
 interface Surface {
   vertices: number;
@@ -41,7 +43,7 @@ export async function rawColors(name: string, vertices: number): Promise<BufferA
   const packed = receivedColors.get(name);
   if (!packed) throw new Error(`${name} has no raw colors`);
   receivedColors.delete(name);
-  return new BufferAttribute(linear(await inflated(packed), vertices), 4, true);
+  return new BufferAttribute(opaque(await inflated(packed), vertices), 4, true);
 }
 
 /** A piece in the colors of its vertices; positions in the map's own coordinates. */
@@ -50,7 +52,7 @@ export async function colored(name: string, material: Material): Promise<Mesh[]>
   const packed = received.get(name);
   if (!packed) throw new Error(`${name} is not a piece of the map`);
   received.delete(name);
-  return [new Mesh(await withColors(packed), material)];
+  return blocks(await withColors(packed), material);
 }
 
 /** A piece with the images on it: a part for each page of texture, and one of what no image shows. */
@@ -59,7 +61,8 @@ export async function textured(name: string, material: Material): Promise<Mesh[]
   const parts = receivedParts.get(name);
   if (!parts) throw new Error(`${name} is not a piece of the map`);
   receivedParts.delete(name);
-  return Promise.all(parts.map(async (part) => ("jpeg" in part ? new Mesh(await withPlaces(part), await painted(part.jpeg)) : new Mesh(await withColors(part), material))));
+  const made = parts.map(async (part) => ("jpeg" in part ? blocks(await withPlaces(part), await painted(part.jpeg)) : blocks(await withColors(part), material)));
+  return (await Promise.all(made)).flat();
 }
 
 /** Free what a piece holds on the graphics card. material: that of all pieces, which stays. */
@@ -74,7 +77,7 @@ export function dispose(parts: Mesh[], material: Material): void {
 
 async function withColors(packed: Packed): Promise<BufferGeometry> {
   const [geometry, colors] = await Promise.all([surface(packed), inflated(packed.colors)]);
-  return geometry.setAttribute("color", new BufferAttribute(linear(colors, packed.vertices), 4, true));
+  return geometry.setAttribute("color", new BufferAttribute(opaque(colors, packed.vertices), 4, true));
 }
 
 async function withPlaces(page: Page): Promise<BufferGeometry> {
@@ -91,7 +94,7 @@ async function withPlaces(page: Page): Promise<BufferGeometry> {
 async function painted(jpeg: string): Promise<Material> {
   const bitmap = await createImageBitmap(new Blob([fromText(jpeg)], { type: "image/jpeg" }));
   const texture = new Texture(bitmap);
-  texture.colorSpace = SRGBColorSpace;
+  texture.minFilter = LinearMipmapNearestFilter; // of one level: two take longer without a graphics card, and at rest four pixels are mixed
   texture.flipY = false;
   texture.needsUpdate = true;
   texture.onUpdate = () => bitmap.close(); // the graphics card has its own copy
@@ -103,8 +106,41 @@ async function surface(packed: Surface): Promise<BufferGeometry> {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(placed(positions, packed), 3));
   geometry.setIndex(new BufferAttribute(counted(indices, 3 * packed.triangles), 1));
-  geometry.computeBoundingSphere();
   return geometry;
+}
+
+/** A surface in square blocks with the same vertices: those out of sight are neither drawn nor searched for what was clicked. */
+function blocks(whole: BufferGeometry, material: Material): Mesh[] {
+  const position = whole.getAttribute("position") as BufferAttribute;
+  const index = (whole.index as BufferAttribute).array;
+  const count = index.length / 3;
+  const { min, max } = new Box3().setFromBufferAttribute(position);
+  const across = Math.ceil(Math.sqrt(count / BLOCK_TRIANGLES));
+  const place = (value: number, low: number, high: number) => Math.min(Math.floor(((value - low) / (high - low || 1)) * across), across - 1);
+  const block = Uint16Array.from({ length: count }, (_, i) => {
+    const corner = index[3 * i];
+    return place(position.getX(corner), min.x, max.x) + across * place(position.getY(corner), min.y, max.y);
+  });
+  const ends = new Uint32Array(across ** 2 + 1);
+  for (const number of block) ends[number + 1]++;
+  for (let number = 0; number < across ** 2; number++) ends[number + 1] += ends[number];
+  const next = ends.slice();
+  const sorted = new Uint32Array(index.length);
+  block.forEach((number, i) => sorted.set([index[3 * i], index[3 * i + 1], index[3 * i + 2]], 3 * next[number]++));
+  return [...ends.subarray(1)]
+    .map((end, number) => sorted.subarray(3 * ends[number], 3 * end))
+    .filter((corners) => corners.length)
+    .map((corners) => {
+      const geometry = new BufferGeometry();
+      for (const [name, values] of Object.entries(whole.attributes)) geometry.setAttribute(name, values);
+      geometry.setIndex(new BufferAttribute(corners, 1));
+      const box = new Box3();
+      const point = new Vector3();
+      for (const corner of corners) box.expandByPoint(point.fromBufferAttribute(position, corner));
+      geometry.boundingBox = box;
+      geometry.boundingSphere = box.getBoundingSphere(new Sphere());
+      return new Mesh(geometry, material);
+    });
 }
 
 /** Numbers of either sign from their bytes, the lowest first, as running sums over rows of a length. */
@@ -141,18 +177,14 @@ function counted(bytes: Uint8Array, count: number): Uint32Array {
   return indices;
 }
 
-/** Colors in linear light, as graphics cards mix them, of 16 bits; opaque, so that each takes whole words of memory. */
-function linear(bytes: Uint8Array, vertices: number): Uint16Array {
-  const light = Uint16Array.from({ length: 256 }, (_, value) => {
-    const encoded = value / 255;
-    return Math.round(65535 * (encoded <= 0.04045 ? encoded / 12.92 : ((encoded + 0.055) / 1.055) ** 2.4));
-  });
-  const colors = new Uint16Array(4 * vertices).fill(65535);
+/** Colors of 8 bits; opaque, so that each takes a whole word of memory. */
+function opaque(bytes: Uint8Array, vertices: number): Uint8Array {
+  const colors = new Uint8Array(4 * vertices).fill(255);
   for (let channel = 0; channel < 3; channel++) {
     let value = 0;
     for (let i = 0; i < vertices; i++) {
       value = (value + bytes[channel * vertices + i]) & 255;
-      colors[4 * i + channel] = light[value];
+      colors[4 * i + channel] = value;
     }
   }
   return colors;

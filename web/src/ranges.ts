@@ -73,16 +73,23 @@ async function unpack(packed: Packed): Promise<Ranges> {
   };
 }
 
-/** Bytes of a deflated, base64 text. */
+/** Bytes of a deflated text. */
 export async function inflated(text: string): Promise<Uint8Array> {
   const stream = new Blob([fromText(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Bytes that a script holds as base64. */
+const DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;<=>?@^_`{|}~";
+const VALUES = Uint8Array.from({ length: 128 }, (_, code) => Math.max(DIGITS.indexOf(String.fromCharCode(code)), 0));
+
+/** Bytes that a script holds as base85 (RFC 1924): five digits for four bytes, fewer at the end. */
 export function fromText(text: string): Uint8Array<ArrayBuffer> {
-  const binary = atob(text);
-  const bytes = new Uint8Array(binary.length);
-  for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
-  return bytes;
+  const words = Math.ceil(text.length / 5);
+  const view = new DataView(new ArrayBuffer(4 * words));
+  for (let word = 0; word < words; word++) {
+    let value = 0;
+    for (let i = 5 * word; i < 5 * word + 5; i++) value = 85 * value + (i < text.length ? VALUES[text.charCodeAt(i)] : 84);
+    view.setUint32(4 * word, value);
+  }
+  return new Uint8Array(view.buffer, 0, 4 * words - (5 * words - text.length));
 }

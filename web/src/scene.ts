@@ -5,7 +5,9 @@ import {
   BufferAttribute,
   BufferGeometry,
   Color,
+  ColorManagement,
   Line,
+  LinearSRGBColorSpace,
   LineBasicMaterial,
   MeshBasicMaterial,
   MeshLambertMaterial,
@@ -25,15 +27,17 @@ import type { About, Piece } from "./about";
 import type { Dive } from "./dive";
 import { Detail, vector } from "./lod";
 
+ColorManagement.enabled = false; // colors are drawn as they are stored: to turn each pixel's into linear light and back takes a tenth of a picture where there is no graphics card
+
 const STILL_PX = 4;
 
 /** Levels of detail: so coarse may a cell of the mesh be on the screen; more where drawing is slow and the view moves. */
 const FINEST_PX = 1.6;
-const COARSEST_PX = 12;
-const SLOW_MS = 40;
+const COARSEST_PX = 24;
+const SLOW_MS = 36; // thirty pictures a second are not slow
 const QUICK_MS = 25;
 const STILL_RATIO = 2; // pixels of the drawing to one of the page: smooth edges, once nothing moves, on any graphics card
-const MOVING_RATIOS: [number, number][] = [[5, 0.5], [2.5, 0.75], [0, 1]]; // from so coarse a mesh on, so many pixels to one of the screen
+const MOVING_RATIOS: [number, number][] = [[12, 1 / 3], [5, 0.5], [2.5, 0.75], [0, 1]]; // from so coarse a mesh on, so many pixels to one of the screen
 const STILL_MS = 400;
 const AIM_MS = 150; // between two looks for the reef: one takes some ms on a large map
 const MOST_COARSER = 2; // at once: one slow picture may have had another cause
@@ -101,9 +105,9 @@ export class Scene {
     this.controls.listenToKeyEvents(this.root);
     this.controls.keyPanSpeed = 30;
     this.controls.addEventListener("change", () => this.move());
-    const sun = new DirectionalLight(0xffffff, 2.4);
+    const sun = new DirectionalLight(0xffffff, 1.55);
     sun.position.set(-0.5, 0.5, 0.8);
-    this.scene.add(this.track, sun, new AmbientLight(0xffffff, 0.7));
+    this.scene.add(this.track, sun, new AmbientLight(0xffffff, 1.57));
     this.spot = dots([[0, 0, 0]], 0xffd23f, 14);
     this.spot.visible = false;
     this.scene.add(this.spot);
@@ -160,7 +164,7 @@ export class Scene {
 
   /** What the view of the whole map must hold: its vertices once it is loaded coarsely, else the corners of the finest pieces of which there are few enough. */
   private outline(): Vector3[] {
-    const loaded = this.detail.outline();
+    const loaded = this.detail.outline() ?? this.textured?.outline() ?? this.colored.outline();
     if (loaded) return loaded;
     const levels = new Map<number, Piece[]>();
     for (const each of Object.values(this.about.pieces)) {
@@ -319,7 +323,7 @@ export class Scene {
   }
 
   private get coarsest_px(): number {
-    return this.moving ? this.moving_px : Math.max(FINEST_PX, this.moving_px / 2);
+    return this.moving ? this.moving_px : FINEST_PX;
   }
 
   /** From picture to picture of a moving view: how long drawing takes tells how fine it can be; triangles go by its square. */
@@ -364,7 +368,9 @@ function renderer(): WebGLRenderer {
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("webgl2", { alpha: false, antialias: false });
   if (!context) throw new Error("no WebGL 2");
-  return new WebGLRenderer({ canvas, context });
+  const made = new WebGLRenderer({ canvas, context });
+  made.outputColorSpace = LinearSRGBColorSpace; // as it is
+  return made;
 }
 
 function cornersOf(low_m: number[], high_m: number[]): Vector3[] {
