@@ -3,6 +3,7 @@
 import csv
 import errno
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -537,17 +538,18 @@ def test_every_product_is_on_the_disk_before_it_gets_its_name(
     dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, flushed, named = tmp_path / "out", set(), []
-    flush, move = atomic.flush_file, atomic.move_into_place
+    move = atomic.move_into_place
 
-    def flush_file(temporary: Path) -> None:
-        flush(temporary)
-        flushed.add(temporary)
+    def flush(descriptor: int) -> None:
+        flushed.add(os.fstat(descriptor).st_ino)
 
     def move_into_place(temporary: Path, path: Path) -> None:
-        named.append((path, temporary in flushed))
+        number = temporary.stat().st_ino
+        named.append((path, number in flushed))
+        flushed.discard(number)
         move(temporary, path)
 
-    monkeypatch.setattr(atomic, "flush_file", flush_file)
+    monkeypatch.setattr(os, "fsync", flush)
     monkeypatch.setattr(atomic, "move_into_place", move_into_place)
     assert go(dive, out).all_done
     products = [
