@@ -293,22 +293,6 @@ def test_a_run_may_take_the_water_of_its_own_folder(
 # Other dives, other commands, other programs
 
 
-@pytest.mark.slow
-def test_another_dives_results_are_refused_without_the_flag(
-    copy_run: CopyRun, dive: Dive, make_dive, tmp_path: Path
-) -> None:  # type: ignore[no-untyped-def]
-    out = tmp_path / "out"
-    copy_run(out)
-    before = contents(out)
-    (tmp_path / "first").mkdir()
-    dive.root.rename(tmp_path / "first/dive")
-    other = make_dive(3, seed=5)
-    other.root.rename(tmp_path / "second")
-    with pytest.raises(OutputError, match="contains the results of another dive"):
-        go(replace(other, root=tmp_path / "second"), out)
-    assert contents(out) == before
-
-
 @pytest.mark.parametrize("command", [range_maps, rectify])
 def test_two_programs_never_write_into_one_folder(
     dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]
