@@ -14,6 +14,8 @@ from stereo_seecolor.commands.run import correct, range_maps, run
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import OutputError
 
+ANOTHER = "contains the results of another dive"
+
 
 @pytest.fixture
 def dive(make_dive: Callable[..., Dive], tmp_path: Path) -> Dive:
@@ -55,7 +57,7 @@ def test_dives_that_begin_with_the_same_frame_are_two(
     exchange(other, *frames)
     copy_run(out, 4)
     before = contents(out)
-    with pytest.raises(OutputError, match="contains the results of another dive"):
+    with pytest.raises(OutputError, match=ANOTHER):
         go(other, out, command)
     assert contents(out) == before
     assert go(other, out, command, overwrite=True).all_done
@@ -69,7 +71,7 @@ def test_another_dive_at_the_same_path_is_another(dive: Dive, tmp_path: Path) ->
     before = contents(out)
     exchange(dive, "0000", "0001")
     exchange(dive, "0002", "0003")
-    with pytest.raises(OutputError, match="contains the results of another dive"):
+    with pytest.raises(OutputError, match=ANOTHER):
         go(dive, out)
     assert contents(out) == before
 
@@ -83,7 +85,7 @@ def test_a_dive_with_other_names_and_the_same_first_frame_is_another(
         for name in ("0001", "0002", "0003"):
             (other.root / side / f"{name}.png").rename(other.root / side / f"1{name}.png")
     copy_run(out, 4)
-    with pytest.raises(OutputError, match="contains the results of another dive"):
+    with pytest.raises(OutputError, match=ANOTHER):
         go(other, out)
 
 
@@ -96,7 +98,7 @@ def test_a_correction_of_another_dives_images_is_refused(copy_run: CopyRun, tmp_
     images = tmp_path / "b/images"
     (images / "0002.png").write_bytes((images / "0003.png").read_bytes())
     correct(tmp_path / "a/images", tmp_path / "a/range", tmp_path / "out")
-    with pytest.raises(OutputError, match="contains the results of another dive"):
+    with pytest.raises(OutputError, match=ANOTHER):
         correct(images, tmp_path / "b/range", tmp_path / "out")
 
 

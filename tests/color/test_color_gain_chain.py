@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
@@ -220,19 +221,20 @@ def test_one_frame_whose_exposure_is_recorded_wrongly_is_corrected_by_its_neighb
 def test_a_run_uses_the_exposures_of_its_table(tmp_path: Path) -> None:
     true = exposures()
     names = DrawnDive(true).names
+    write_short_reef(tmp_path, range(len(names)))
     for side in ("left", "right"):
-        (tmp_path / side).mkdir()
         for name, log_gain in zip(names, true, strict=True):
-            light = decode_srgb(read_image(REEF / side / f"{name}.png") / 255.0) * np.exp(log_gain)
+            path = tmp_path / side / f"{name}.png"
+            light = decode_srgb(read_image(path) / 255.0) * np.exp(log_gain)
             image = np.round(255 * encode_srgb(light)).astype(np.uint8)
-            (tmp_path / side / f"{name}.png").write_bytes(encode_image(image, "png"))
+            path.write_bytes(encode_image(image, "png"))
     rows = [f"{name},{10 * np.exp(value):.6f}" for name, value in zip(names, true, strict=True)]
     (tmp_path / "log.csv").write_text("\n".join(["name,exposure_ms", *rows]))
     config = load_config(None, [f"input.exposures={tmp_path / 'log.csv'}"])
     summary = run(
         tmp_path / "left",
         tmp_path / "right",
-        REEF / "cam.yaml",
+        tmp_path / "cam.yaml",
         tmp_path / "out",
         config,
         RunOptions(page="none"),

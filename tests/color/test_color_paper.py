@@ -216,7 +216,8 @@ def test_a_frame_of_the_same_scene_needs_few_steps():
 @pytest.mark.slow
 def test_only_linked_frames_begin_from_the_frame_before():
     """A folder of unrelated pictures: each water is that of the picture alone."""
-    own = Corrector(ColorConfig(method="paper", lock="frame"))
+    few = PaperConfig(iterations=20, iterations_per_frame=5)
+    own = Corrector(ColorConfig(method="paper", lock="frame", paper=few))
     tables = [own.measure(*scene(seed)) for seed in range(3)]
     fitter = own.survey_fitter(linked=["2"])
     for name, table in zip("012", tables, strict=True):

@@ -7,14 +7,17 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from conftest import SampleRun
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(EXAMPLES.parent), "MPLBACKEND": "Agg"}
 
 
 @pytest.mark.slow
-def test_script_runs_the_sample_dive(tmp_path: Path) -> None:
-    command = [sys.executable, str(EXAMPLES / "sample_dive.py"), str(tmp_path / "out")]
+def test_script_runs_the_sample_dive(sample_run: SampleRun, tmp_path: Path) -> None:
+    """Into a finished run with other settings, whose ranges are those of this one."""
+    out = sample_run.copy(tmp_path / "out")
+    command = [sys.executable, str(EXAMPLES / "sample_dive.py"), str(out)]
     shown = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
     assert shown.returncode == 0, shown.stderr
     assert "12 pairs done, 0 failed" in shown.stdout

@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ from small_dives import write_short_reef
 
 from calibration import CalibrationError
 from calibration import plugins as everywhere
-from calibration.formats import load_rig
+from calibration.formats import format_name, load_rig
 from calibration.formats.calibration_format import added_formats as calibration_formats
 from stereo_seecolor import plugins
 from stereo_seecolor.cli import app
@@ -109,9 +109,9 @@ def documented(language: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment of a Python in which a package of somebody else is installed: that of the
-    page, with more in it.
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that a package of somebody else is installed in: that of the page, with more in
+    it.
     """
     root = tmp_path_factory.mktemp("reef-notes")
     entries = documented("toml")
@@ -133,86 +133,94 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         check=True,
         capture_output=True,
     )
-    return os.environ | {"PYTHONPATH": str(root / "installed"), "COLUMNS": "300", "TERM": "dumb"}
+    return root / "installed"
 
 
-def program(environment: dict[str, str], *words: str | Path) -> tuple[int, str, str]:
-    """Run the program: (exit code, what was printed, what was said)."""
-    command = [sys.executable, "-m", "stereo_seecolor", *map(str, words)]
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment)
-    return ended.returncode, ended.stdout, ended.stderr
+@pytest.fixture
+def installed(site: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> Iterator[Cli]:
+    """Runs a command where that package is installed."""
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.setenv("COLUMNS", "300")
+    monkeypatch.setenv("TERM", "dumb")
+    forget_packages()
+    yield cli
+    forget_packages()
+    sys.modules.pop("reef_notes", None)
+
+
+def forget_packages() -> None:
+    """What is installed is looked for again."""
+    everywhere._of_all_packages.cache_clear()
+    everywhere.added.cache_clear()
 
 
 @pytest.mark.slow
-def test_a_command_of_another_package_is_in_the_help_and_runs(
-    installed: dict[str, str], fused_dive: Path
+def test_a_command_of_another_package_runs_in_a_program_of_its_own(
+    site: Path, fused_dive: Path
 ) -> None:
-    code, printed, said = program(installed, "--help")
+    ended = subprocess.run(
+        [sys.executable, "-m", "stereo_seecolor", "note", fused_dive / "out"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(site)},
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "noted out\n", "")
+
+
+@pytest.mark.slow
+def test_commands_of_another_package_are_in_the_help(installed: Cli) -> None:
+    code, printed, said = installed("--help")
     assert code == 0
     assert " Notes " in printed and "Print the name of a run." in printed
     assert printed.index(" run ") < printed.index(" config ") < printed.index(" export ")
     assert said.startswith(
         "lost: the package reef-notes, which adds it to stereo_seecolor.commands, cannot be loaded"
     )
-    assert program(installed, "note", fused_dive / "out") == (0, "noted out\n", "")
-    code, _, said = program(installed, "lost")
+    code, _, said = installed("lost")
     assert code == 1
     assert "cannot be loaded" in said and "Traceback" not in said
 
 
 @pytest.mark.slow
 def test_an_export_format_of_another_package_is_written(
-    installed: dict[str, str], fused_dive: Path, tmp_path: Path
+    installed: Cli, fused_dive: Path, tmp_path: Path
 ) -> None:
-    code, printed, _ = program(installed, "export", "--list")
+    code, printed, _ = installed("export", "--list")
     assert code == 0
     assert "names        the names of the frames: any editor" in printed.splitlines()
-    code, _, said = program(
-        installed, "export", fused_dive / "out", "--to", "names", "--out", tmp_path / "names"
+    code, _, said = installed(
+        "export", fused_dive / "out", "--to", "names", "--out", tmp_path / "names"
     )
     assert (code, said) == (0, "")
     assert (tmp_path / "names" / "names.txt").read_text().split()[0] == "0000"
 
 
-def said_by(installed: dict[str, str], code: str, path: Path) -> str:
-    """What a line of Python prints of a file, with the other package installed."""
-    command = [sys.executable, "-c", f"import sys; path = sys.argv[1]; {code}", path]
-    ended = subprocess.run(command, capture_output=True, text=True, env=installed)
-    assert not ended.stderr
-    return ended.stdout
-
-
 @pytest.mark.slow
-def test_a_trajectory_format_of_another_package_is_read(
-    installed: dict[str, str], tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("installed")
+def test_a_trajectory_format_of_another_package_is_read(tmp_path: Path) -> None:
     log = tmp_path / "track.txt"
     log.write_text("# tank log\na.png 1 2 3\nb.png 4 5 6\n")
-    code = (
-        "import pathlib; from stereo_seecolor.inputs.trajectories import read_trajectory as read; "
-    )
-    code += "track = read(pathlib.Path(path)); print(track.names, track.T_world_camera[1, :3, 3])"
-    assert said_by(installed, code, log) == "('a.png', 'b.png') [4. 5. 6.]\n"
+    track = read_trajectory(log)
+    assert track.names == ("a.png", "b.png")
+    np.testing.assert_array_equal(track.T_world_camera[1, :3, 3], [4, 5, 6])
 
 
 @pytest.mark.slow
-def test_a_calibration_format_of_another_package_is_read(
-    installed: dict[str, str], tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("installed")
+def test_a_calibration_format_of_another_package_is_read(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text("tank_rig: {size: [640, 480], focal_px: 500, baseline_mm: 120}")
-    code = "from calibration.formats import format_name, load_rig; "
-    code += "print(format_name(path), load_rig(path).baseline_m)"
-    assert said_by(installed, code, rig) == "tank 0.12\n"
+    assert format_name(rig) == "tank"
+    assert load_rig(rig).baseline_m == pytest.approx(0.12)
 
 
 @pytest.mark.slow
 def test_an_engine_of_another_package_fuses_the_map(
-    installed: dict[str, str], fused_dive: Path, tmp_path: Path
+    installed: Cli, fused_dive: Path, tmp_path: Path
 ) -> None:
     out = shutil.copytree(fused_dive / "out", tmp_path / "out")
     words = ("fuse", out, "--poses", fused_dive / "poses.tum")
-    code, _, said = program(installed, *words, "--set", "mapping.engine=raised")
+    code, _, said = installed(*words, "--set", "mapping.engine=raised")
     assert code == 3 and "poses" in said, said  # they are not those of the pictures
     assert json.loads((out / "map/map.json").read_text())["engine"] == "raised"
     raised, ours = (
@@ -223,14 +231,14 @@ def test_an_engine_of_another_package_fuses_the_map(
 
 @pytest.mark.slow
 def test_a_matching_engine_of_another_package_gives_the_ranges(
-    installed: dict[str, str], tmp_path: Path
+    installed: Cli, tmp_path: Path
 ) -> None:
     write_short_reef(tmp_path)
     sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
     out = tmp_path / "out"
     rest = ("--calib", tmp_path / "cam.yaml", "--out", out, "--progress", "none")
     settings = ("--set", "matching.engine=level", "--set", "matching.min_confidence=0")
-    code, _, said = program(installed, "run", *sides, *rest, *settings)
+    code, _, said = installed("run", *sides, *rest, *settings)
     assert code == 0, said
     run = open_run(out)
     range_m = run.frames[0].read("range")
@@ -239,9 +247,7 @@ def test_a_matching_engine_of_another_package_gives_the_ranges(
 
 
 @pytest.mark.slow
-def test_a_color_method_of_another_package_fits_the_water(
-    installed: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_color_method_of_another_package_fits_the_water(installed: Cli, tmp_path: Path) -> None:
     words = ("correct", "--images", tmp_path / "images", "--range", tmp_path / "range")
     range_m = np.linspace(1, 4, 320 * 240, dtype=np.float32).reshape(240, 320)
     light = 0.6 * np.exp(-range_m[..., None] * np.array([0.05, 0.1, 0.3]))  # B, G, R
@@ -250,15 +256,11 @@ def test_a_color_method_of_another_package_fits_the_water(
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / "a.tiff"), content)
     method = ("--progress", "none", "--set")
-    code, _, said = program(
-        installed, *words, "--out", tmp_path / "out", *method, "color.method=slope"
-    )
+    code, _, said = installed(*words, "--out", tmp_path / "out", *method, "color.method=slope")
     assert code == 0, said
     water = next(iter(read_waters(tmp_path / "out/water.json", ["a"]).values()))
     np.testing.assert_allclose(water.y, [0.3, 0.1, 0.05], rtol=0.1)
-    code, _, said = program(
-        installed, *words, "--out", tmp_path / "other", *method, "color.method=nothing"
-    )
+    code, _, said = installed(*words, "--out", tmp_path / "other", *method, "color.method=nothing")
     assert code == 1
     assert (
         "the package reef-notes adds an object of type NoneType to stereo_seecolor.color_methods"
@@ -331,7 +333,7 @@ def test_a_run_with_a_map_loads_no_extra_and_all_that_the_base_installs(tmp_path
     code += "try: main()\nexcept SystemExit as end: print(end.code)\n"
     code += "print([name for name in sys.modules if name.startswith('stereo_seecolor.extras')])\n"
     code += "print(*(name for name in sys.modules if '.' not in name))"
-    write_short_reef(tmp_path)
+    write_short_reef(tmp_path, range(4, 6))
     sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
     rest = ("--calib", tmp_path / "cam.yaml", "--out", tmp_path / "out", "--progress", "none")
     words = ("run", *map(str, (*sides, *rest)), "--fuse")

@@ -3,6 +3,7 @@
 import csv
 import errno
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -292,22 +293,6 @@ def test_a_run_may_take_the_water_of_its_own_folder(
 # Other dives, other commands, other programs
 
 
-@pytest.mark.slow
-def test_another_dives_results_are_refused_without_the_flag(
-    copy_run: CopyRun, dive: Dive, make_dive, tmp_path: Path
-) -> None:  # type: ignore[no-untyped-def]
-    out = tmp_path / "out"
-    copy_run(out)
-    before = contents(out)
-    (tmp_path / "first").mkdir()
-    dive.root.rename(tmp_path / "first/dive")
-    other = make_dive(3, seed=5)
-    other.root.rename(tmp_path / "second")
-    with pytest.raises(OutputError, match="contains the results of another dive"):
-        go(replace(other, root=tmp_path / "second"), out)
-    assert contents(out) == before
-
-
 @pytest.mark.parametrize("command", [range_maps, rectify])
 def test_two_programs_never_write_into_one_folder(
     dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]
@@ -537,17 +522,18 @@ def test_every_product_is_on_the_disk_before_it_gets_its_name(
     dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, flushed, named = tmp_path / "out", set(), []
-    flush, move = atomic.flush_file, atomic.move_into_place
+    move = atomic.move_into_place
 
-    def flush_file(temporary: Path) -> None:
-        flush(temporary)
-        flushed.add(temporary)
+    def flush(descriptor: int) -> None:
+        flushed.add(os.fstat(descriptor).st_ino)
 
     def move_into_place(temporary: Path, path: Path) -> None:
-        named.append((path, temporary in flushed))
+        number = temporary.stat().st_ino
+        named.append((path, number in flushed))
+        flushed.discard(number)
         move(temporary, path)
 
-    monkeypatch.setattr(atomic, "flush_file", flush_file)
+    monkeypatch.setattr(os, "fsync", flush)
     monkeypatch.setattr(atomic, "move_into_place", move_into_place)
     assert go(dive, out).all_done
     products = [
