@@ -65,45 +65,67 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     shutil.copytree(out / "page", folder / "page", ignore=shutil.ignore_patterns("map"))
     shutil.copytree(out / "page/map/heights", folder / "page/map/heights")
     shutil.copy(out / "index.html", folder)
-    about = content(out / "page/map/map.js")
-    of_one = len(content(out / "page/dive.js")["poses"])
+    about = content(out / "page/map/map.js")[0]
+    of_one = len(content(out / "page/dive.js")[0]["poses"])
     edge = math.ceil(math.sqrt(frames / of_one))
-    lows = [piece["low_m"] for piece in about["pieces"].values()]
-    highs = [piece["high_m"] for piece in about["pieces"].values()]
-    corner_m = [min(low[k] for low in lows) for k in (0, 1)]
-    size_m = [max(high[k] for high in highs) - corner_m[k] for k in (0, 1)]
-    pieces: dict[str, Any] = {}
-    textured: dict[str, Any] = {}
+    (root,) = {*about["textured"]} - {n for p in about["textured"].values() for n in p["finer"]}
+    low_m, high_m = about["textured"][root]["low_m"], about["textured"][root]["high_m"]
+    size_m = [high - low for low, high in zip(low_m[:2], high_m[:2], strict=True)]
+    level, count, of_level = 0, edge, dict[str, Any]()
     for column, row, is_written in copies(edge, written):
         offset_m = [column * size_m[0], row * size_m[1], 0.0]
-        for found, made in ((about["pieces"], pieces), (about["textured"], textured)):
-            for name, piece in found.items():
-                made[f"{name}_{column}_{row}"] = moved(piece, 1, offset_m) | {
-                    "finer": [f"{finer}_{column}_{row}" for finer in piece["finer"]]
-                }
-                if is_written and made is textured:
-                    write(out, folder, name, f"{name}_{column}_{row}", 1, offset_m)
-    (root,) = {*about["textured"]} - {n for p in about["textured"].values() for n in p["finer"]}
-    below, level, count = f"{root}_", 0, edge
+        of_level |= copied(about["textured"], [root], column, row, offset_m)
+        if is_written:
+            write_below(out, folder, about["textured"], root, (column, row), offset_m)
     while count > 1:
-        level, count, above = level + 1, -(-count // 2), f"coarse_{level + 1}_"
+        level, count, below, of_level = level + 1, -(-count // 2), of_level, {}
+        start = f"{root}_" if level == 1 else f"coarse_{level - 1}_"
         for column in range(count):
             for row in range(count):
                 offset_m = [
                     place * size * 2**level + corner * (1 - 2**level)
-                    for place, size, corner in zip((column, row), size_m, corner_m, strict=True)
+                    for place, size, corner in zip((column, row), size_m, low_m, strict=False)
                 ]
                 offset_m.append(0.0)
-                finer = [f"{below}{2 * column + i}_{2 * row + k}" for i in (0, 1) for k in (0, 1)]
-                piece = moved(about["textured"][root], 2**level, offset_m)
-                piece |= {"finer": [name for name in finer if name in textured]}
-                textured[f"{above}{column}_{row}"] = pieces[f"{above}{column}_{row}"] = piece
-                write(out, folder, root, f"{above}{column}_{row}", 2**level, offset_m)
-        below = above
-    about |= {"pieces": pieces, "textured": textured}
+                names = [f"{start}{2 * column + i}_{2 * row + k}" for i in (0, 1) for k in (0, 1)]
+                finer = {name: below[name] for name in names if name in below}
+                new = f"coarse_{level}_{column}_{row}"
+                of_level[new] = moved(about["textured"][root], 2**level, offset_m)
+                of_level[new] |= {"finer": [*finer]}
+                write(out, folder, root, new, 2**level, offset_m, finer)
+    about |= {"pieces": of_level, "textured": of_level}
     text = f"seecolor.map({json.dumps(about, separators=(',', ':'))});\n"
     (folder / "page/map/map.js").write_text(text)
     return of_one * edge**2
+
+
+def copied(
+    pieces: dict[str, Any], names: list[str], column: int, row: int, offset_m: list[float]
+) -> dict[str, Any]:
+    """The entries of some pieces in a copy of the map."""
+    return {
+        f"{name}_{column}_{row}": moved(pieces[name], 1, offset_m)
+        | {"finer": [f"{finer}_{column}_{row}" for finer in pieces[name]["finer"]]}
+        for name in names
+    }
+
+
+def write_below(
+    out: Path,
+    folder: Path,
+    pieces: dict[str, Any],
+    name: str,
+    copy: tuple[int, int],
+    offset_m: list[float],
+) -> None:
+    """The scripts of a piece of a copy of the map, and of those below it. pieces: of all that the
+    list of the map or the script of a coarser piece has.
+    """
+    pieces = pieces | content(out / f"page/map/{name}.js")[-1]
+    finer = copied(pieces, pieces[name]["finer"], *copy, offset_m)
+    write(out, folder, name, f"{name}_{copy[0]}_{copy[1]}", 1, offset_m, finer)
+    for below in pieces[name]["finer"]:
+        write_below(out, folder, pieces, below, copy, offset_m)
 
 
 def copies(edge: int, written: int) -> Iterator[tuple[int, int, bool]]:
@@ -113,10 +135,10 @@ def copies(edge: int, written: int) -> Iterator[tuple[int, int, bool]]:
             yield column, row, max(abs(column - edge // 2), abs(row - edge // 2)) <= written
 
 
-def content(path: Path) -> Any:
+def content(path: Path) -> list[Any]:
     """The data of a script."""
     text = path.read_text()
-    return json.loads(text[text.index("(") + 1 : text.rindex(")")])
+    return list(json.loads(f"[{text[text.index('(') + 1 : text.rindex(')')]}]"))
 
 
 def moved(piece: dict[str, Any], scale: int, offset_m: list[float]) -> dict[str, Any]:
@@ -131,17 +153,26 @@ def placed(point_m: list[float], scale: int, offset_m: list[float]) -> list[floa
     return [value + off for value, off in zip(stretched, offset_m, strict=True)]
 
 
-def write(out: Path, folder: Path, name: str, new: str, scale: int, offset_m: list[float]) -> None:
-    """The script of a piece, stretched along the map and moved."""
-    text = (out / f"page/map/{name}.js").read_text()
-    receiver, values = text[: text.index("(")], text[text.index("(") + 1 : text.rindex(")")]
-    _, packed = json.loads(f"[{values}]")
+def write(
+    out: Path,
+    folder: Path,
+    name: str,
+    new: str,
+    scale: int,
+    offset_m: list[float],
+    finer: dict[str, Any],
+) -> None:
+    """The script of a piece, stretched along the map and moved. finer: the pieces that it lists."""
+    path = out / f"page/map/{name}.js"
+    receiver = path.read_text().partition("(")[0]
+    _, packed, _ = content(path)
     for part in packed if isinstance(packed, list) else [packed]:
         part["low_m"] = placed(part["low_m"], scale, offset_m)
         if scale > 1:
             part["positions"] = packed_steps(steps_of(part) // np.array([1, 1, scale]))
             part["step_m"] *= scale
-    text = f"{receiver}({json.dumps(new)},{json.dumps(packed, separators=(',', ':'))});\n"
+    values = ",".join(json.dumps(each, separators=(",", ":")) for each in (new, packed, finer))
+    text = f"{receiver}({values});\n"
     (folder / f"page/map/{new}.js").write_text(text)
 
 

@@ -40,6 +40,8 @@ FOLDER = f"{PAGE}/map"
 RASTERS = {MOSAIC: 4, TERRAIN: 1, GAPS: 1}
 """Of the map that the page shows, with their bands."""
 Files = Iterator[tuple[str, bytes]]
+Pieces = dict[str, dict[str, Any]]
+"""Entries of pieces, by their names."""
 
 
 def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict[str, str]:
@@ -136,6 +138,9 @@ class _MapFiles:
         yield "map.js", script("map", about)
 
     def _mesh(self, about: dict[str, Any], source: MeshSource) -> Files:
+        """The files of the mesh; only pieces below no other are listed, the others by the script of
+        the next coarser one, so that the list of a map of many frames is short.
+        """
         voxel_m, made = self.made.cell_m["voxel_m"], list[Level]()
         with tempfile.TemporaryDirectory() as folder:  # gigabytes, for a map of thousands of frames
             for level in levels(source, voxel_m, Path(folder)):
@@ -147,32 +152,35 @@ class _MapFiles:
             from stereo_seecolor.report.map_texture import textured_tiles
 
             painted = about["textured"] = {}
-            for tile_name, tile, content in textured_tiles(self.posed, made, voxel_m):
-                painted[tile_name] = tile
-                yield f"{tile_name}.js", content
+            for tile_name, tile, parts in textured_tiles(self.posed, made, voxel_m):
+                finer = _taken(painted, tile["finer"])
+                painted[tile_name] = _around(tile, finer)
+                yield f"{tile_name}.js", script("textured", tile_name, parts, finer)
         if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
-            below = {finer for tile in painted.values() for finer in tile["finer"]}
             name = _name(len(made) - 1, next(iter(made[-1].boxes)))
-            painted[name] = about["pieces"][name] | {"finer": sorted(painted.keys() - below)}
+            painted[name] = about["pieces"][name] | {"finer": sorted(painted)}
 
-    def _level(self, pieces: dict[str, Any], number: int, level: Level) -> Files:
-        """The files of a level's tiles, each of which is listed in ``pieces``."""
+    def _level(self, pieces: Pieces, number: int, level: Level) -> Files:
+        """The files of a level's tiles, each of which is listed in ``pieces`` instead of those
+        below it.
+        """
 
-        def named() -> Iterator[tuple[str, Piece]]:
+        def named() -> Iterator[tuple[str, Piece, Pieces]]:
             for place, piece in level.tiles():
                 name = _name(number, place)
-                finer = _finer(pieces, number, place)
-                pieces[name] = {**box(piece), "cell_m": level.cell_m, "finer": finer}
-                yield name, piece
+                finer = _taken(pieces, _finer(pieces, number, place))
+                entry = {**box(piece), "cell_m": level.cell_m, "finer": [*finer]}
+                pieces[name] = _around(entry, finer)
+                yield name, piece, finer
 
         made = Threads(cores()).each(partial(self._piece, level.cell_m), named())
         yield from chain.from_iterable(made)
 
-    def _piece(self, cell_m: float, named: tuple[str, Piece]) -> list[tuple[str, bytes]]:
+    def _piece(self, cell_m: float, named: tuple[str, Piece, Pieces]) -> list[tuple[str, bytes]]:
         """The files of a tile of the mesh, of a level with cells of that edge."""
-        name, piece = named
+        name, piece, finer = named
         strips = piece.in_strips(STRIP_VOXELS * cell_m)
-        packed = script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel))
+        packed = script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel), finer)
         if self.raw is None:
             return [(f"{name}.js", packed)]
         raw = script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
@@ -220,12 +228,24 @@ def _name(level: int, place: Place) -> str:
     return f"{level}_{place[0]}_{place[1]}"
 
 
-def _finer(about: dict[str, Any], level: int, place: Place) -> list[str]:
+def _finer(pieces: Pieces, level: int, place: Place) -> list[str]:
     """Names of the pieces of the next finer level that cover the same area."""
     around = [
         _name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)
     ]
-    return [name for name in around if name in about]
+    return [name for name in around if name in pieces]
+
+
+def _taken(pieces: Pieces, names: list[str]) -> Pieces:
+    """The pieces of these names, which leave the others."""
+    return {name: pieces.pop(name) for name in names}
+
+
+def _around(entry: dict[str, Any], finer: Pieces) -> dict[str, Any]:
+    """A piece whose box also holds those of the finer pieces."""
+    all_of = [entry, *finer.values()]
+    low_m, high_m = (np.array([each[key] for each in all_of]) for key in ("low_m", "high_m"))
+    return entry | {"low_m": low_m.min(axis=0).tolist(), "high_m": high_m.max(axis=0).tolist()}
 
 
 def _squares(squares: Squares | None, edge_m: float) -> dict[str, Any] | None:

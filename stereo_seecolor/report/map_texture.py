@@ -21,7 +21,6 @@ from stereo_seecolor.report.map_mesh import (
 )
 from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
 from stereo_seecolor.report.range_code import text
-from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -43,8 +42,8 @@ class TextureSizes:
 
 TEXTURES = TextureSizes()
 
-Tile = tuple[str, dict[str, Any], bytes]
-"""Name, entry in the list of pieces, and script."""
+Tile = tuple[str, dict[str, Any], list[dict[str, Any]]]
+"""Name, entry in the list of pieces, and parts for the script."""
 
 
 def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> Iterator[Tile]:
@@ -86,8 +85,7 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
                 if level > 0 and each in cut[level - 1]
             ],
         }
-        name = _name(level, place)
-        yield name, entry, script("textured", name, parts)
+        yield _name(level, place), entry, parts
 
 
 def _in_order(level: int, place: Place) -> Iterator[tuple[int, Place]]:

@@ -4,6 +4,7 @@ made once.
 
 import base64
 import gc
+import json
 import tracemalloc
 import zlib
 from dataclasses import replace
@@ -346,6 +347,43 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
     levels_now = {path.name for path in (out / "page/map/mosaic").iterdir()}
     # half as many pixels a side; the earlier mosaic is gone
     assert levels_now == {str(int(coarsest) - 1)}
+
+
+@pytest.mark.slow
+def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """From the list all are found, one level after the other, inside the boxes of those above."""
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+    out = write_map(tmp_path / "out", flat_frames(3), "prior")
+    report(out)
+    folder = out / "page/map"
+
+    def below(name: str, entry: dict[str, Any], listed: dict[str, Any]) -> set[str]:
+        listed = listed | arguments(folder / f"{name}.js")[-1]
+        names = {f"{name}.js"}
+        for finer in entry["finer"]:
+            assert (np.array(listed[finer]["low_m"]) >= entry["low_m"]).all()
+            assert (np.array(listed[finer]["high_m"]) <= entry["high_m"]).all()
+            names |= below(finer, listed[finer], listed)
+        return names
+
+    (about,) = arguments(folder / "map.js")
+    assert len(about["pieces"]) == 1
+    found = {
+        name
+        for listed in (about["pieces"], about["textured"])
+        for top, entry in listed.items()
+        for name in below(top, entry, listed)
+    }
+    assert len(found) > 10
+    assert found == {path.name for path in folder.glob("*_*.js")}
+
+
+def arguments(path: Path) -> list[Any]:
+    """The data that a script of the page holds."""
+    text = path.read_text("ascii")
+    return list(json.loads(f"[{text[text.index('(') + 1 : text.rindex(')')]}]"))
 
 
 @pytest.mark.slow

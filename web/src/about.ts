@@ -20,7 +20,7 @@ export interface Piece {
   cell_m: number;
   texel_m?: number;
   texels?: number;
-  finer: string[];
+  finer: string[]; // which the script of this piece lists, or this list
 }
 
 /** Metrics of squares: each row is a center x, y and a number for each name, null where unknown; heights are averaged over cells of scale_m. */
@@ -34,7 +34,7 @@ export interface Squares {
 
 export interface About {
   id: string;
-  pieces: Record<string, Piece>;
+  pieces: Record<string, Piece>; // below no other; others are added once they are known
   textured?: Record<string, Piece>; // the images on the surface; the first piece has the colors of its vertices
   mosaic?: Place;
   raw?: Place;

@@ -69,6 +69,19 @@ export class Heights {
     return (tile?.heights_m[place] ?? NaN) - this.offset_m[2];
   }
 
+  /** The height of the nearest known cell around a spot that is loaded, within MARGIN_CELLS; NaN where there is none. */
+  nearest(x_m: number, y_m: number): number {
+    const [column, row] = this.cell(x_m, y_m).map(Math.round);
+    let [least, height_m] = [Infinity, NaN];
+    for (let down = -MARGIN_CELLS; down <= MARGIN_CELLS; down++) {
+      for (let right = -MARGIN_CELLS; right <= MARGIN_CELLS; right++) {
+        const [away, found_m] = [Math.hypot(right, down), this.at(column + right, row + down)];
+        if (away < least && !Number.isNaN(found_m)) [least, height_m] = [away, found_m];
+      }
+    }
+    return height_m;
+  }
+
   /** Why a cell has no height (Reason of stereo_seecolor/mapping/raster/gaps.py); 0 where it has one, or lies outside of the map. */
   gap(column: number, row: number): number {
     const [tile, place] = this.placeOf(column, row);

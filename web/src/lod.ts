@@ -2,7 +2,7 @@
 
 import { Box3, Frustum, Group, Matrix4, Vector3, type Material, type Mesh, type Object3D, type PerspectiveCamera } from "three";
 import type { Piece } from "./about";
-import { colored, dispose, rawColors, textured } from "./pieces";
+import { dispose, loaded, rawColors } from "./pieces";
 
 const FILL_CELLS = 1.5;
 const TEXELS_PER_CELL = 4; // of a textured piece: its texture hides that cells are coarser than a pixel, but for outlines
@@ -27,8 +27,9 @@ export class Detail {
   readonly root = new Group();
   private readonly parts = new Map<string, Group>();
   private readonly loading = new Set<string>();
+  private readonly missing = new Set<string>(); // whose files cannot be read
   private readonly used = new Map<string, number>();
-  private readonly boxes: Map<string, Box3>;
+  private readonly boxes = new Map<string, Box3>();
   private readonly roots: string[];
   private drawn = new Set<string>();
   private clock = 0;
@@ -39,10 +40,14 @@ export class Detail {
     private material: Material,
     private readonly changed: () => void,
   ) {
-    const all = Object.entries(pieces);
-    this.boxes = new Map(all.map(([name, { low_m, high_m }]) => [name, new Box3(vector(low_m), vector(high_m))]));
-    const below = new Set(all.flatMap(([, each]) => each.finer));
-    this.roots = all.map(([name]) => name).filter((name) => !below.has(name));
+    this.list(pieces);
+    const below = new Set(Object.values(pieces).flatMap((each) => each.finer));
+    this.roots = Object.keys(pieces).filter((name) => !below.has(name));
+  }
+
+  private list(pieces: Record<string, Piece>): void {
+    Object.assign(this.pieces, pieces);
+    for (const [name, { low_m, high_m }] of Object.entries(pieces)) this.boxes.set(name, new Box3(vector(low_m), vector(high_m)));
   }
 
   /** All that is drawn now, without what only fills cracks. */
@@ -135,7 +140,7 @@ export class Detail {
     }
     this.forget();
     const room = AT_ONCE - this.loading.size;
-    const next = [...wanted].filter(([name]) => !this.loading.has(name)).sort((a, b) => b[1] - a[1]);
+    const next = [...wanted].filter(([name]) => !this.loading.has(name) && !this.missing.has(name)).sort((a, b) => b[1] - a[1]);
     for (const [name] of next.slice(0, Math.max(room, 0))) if (this.hasRoom(name)) void this.load(name);
   }
 
@@ -181,7 +186,8 @@ export class Detail {
   private async load(name: string): Promise<void> {
     this.loading.add(name);
     try {
-      const meshes = await (this.pieces[name].texel_m ? textured : colored)(name, this.material);
+      const { meshes, finer } = await loaded(name, this.material);
+      this.list(finer);
       const part = new Group().add(...meshes);
       for (const mesh of meshes) mesh.material = mesh.geometry.hasAttribute("color") ? this.material : mesh.material;
       part.name = name;
@@ -190,6 +196,8 @@ export class Detail {
       this.parts.set(name, part);
       if (this.raw) await this.paint(name);
       this.root.add(part);
+    } catch {
+      this.missing.add(name); // what is coarser shows instead
     } finally {
       this.loading.delete(name);
     }

@@ -246,9 +246,7 @@ class MapView {
   /** A click beside the reef in three dimensions: through a gap of it, perhaps. */
   private async missed(sight: Sight): Promise<void> {
     if (!this.measuring || this.measuring.isOn) return;
-    const all = Object.values(this.about.pieces);
-    const low_m = all.reduce((least, each) => Math.min(least, each.low_m[2]), Infinity); // too many for arguments of one call
-    const high_m = all.reduce((most, each) => Math.max(most, each.high_m[2]), -Infinity);
+    const [low_m, high_m] = this.heights_m();
     const spot_m = await gapOnSight(this.measuring.ground.heights, sight, low_m, high_m);
     if (spot_m) void this.seen(spot_m);
   }
@@ -260,21 +258,20 @@ class MapView {
     event.stopPropagation();
   }
 
-  /** A spot with its height: on the terrain where it was clicked from above. */
+  /** A spot with its height: on the terrain where it was clicked from above, or on that around it. */
   private async onReef([x_m, y_m, z_m]: number[]): Promise<number[]> {
     const height_m = z_m ?? (await this.measuring?.height(x_m, y_m)) ?? NaN;
-    return [x_m, y_m, Number.isNaN(height_m) ? this.middle_m(x_m, y_m) : height_m];
+    if (!Number.isNaN(height_m)) return [x_m, y_m, height_m];
+    const around_m = this.measuring?.ground.heights.nearest(x_m, y_m) ?? NaN;
+    if (!Number.isNaN(around_m)) return [x_m, y_m, around_m];
+    const [low_m, high_m] = this.heights_m();
+    return [x_m, y_m, (low_m + high_m) / 2];
   }
 
-  /** The middle height of the map around a spot. */
-  private middle_m(x_m: number, y_m: number): number {
-    const inside = ([, each]: [string, About["pieces"][string]]) =>
-      each.low_m[0] <= x_m && x_m <= each.high_m[0] && each.low_m[1] <= y_m && y_m <= each.high_m[1];
-    const all = Object.entries(this.about.pieces);
-    const boxes = all.some(inside) ? all.filter(inside) : all;
-    const finest = boxes.reduce((least, [, each]) => Math.min(least, each.cell_m), Infinity);
-    const heights = boxes.filter(([, each]) => each.cell_m === finest).map(([, each]) => (each.low_m[2] + each.high_m[2]) / 2);
-    return heights.reduce((a, b) => a + b, 0) / Math.max(heights.length, 1);
+  /** The lowest and the highest of the map. */
+  private heights_m(): [number, number] {
+    const all = Object.values(this.about.pieces);
+    return [Math.min(...all.map((each) => each.low_m[2])), Math.max(...all.map((each) => each.high_m[2]))];
   }
 
   private async seen(clicked_m: number[]): Promise<void> {

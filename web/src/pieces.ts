@@ -1,6 +1,7 @@
 // Pieces of the map's mesh: loaded as scripts, inflated, and made into geometry (stereo_seecolor/report/map_mesh.py).
 
 import { Box3, BufferAttribute, BufferGeometry, LinearMipmapNearestFilter, Mesh, MeshBasicMaterial, Sphere, Texture, Vector3, type Material } from "three";
+import type { Piece } from "./about";
 import { fromText, inflated } from "./ranges";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
@@ -28,11 +29,18 @@ interface Page extends Surface {
   jpeg: string;
 }
 
-const received = new Map<string, Packed>();
-seecolor.mesh = (name: string, packed: Packed) => received.set(name, packed);
+/** The finer pieces that show the same, by their names: only the script of a piece lists them, since a map may have hundreds of thousands. */
+type Finer = Record<string, Piece>;
 
-const receivedParts = new Map<string, (Page | Packed)[]>();
-seecolor.textured = (name: string, parts: (Page | Packed)[]) => receivedParts.set(name, parts);
+/** What the script of a piece holds, as geometry. */
+export interface Loaded {
+  meshes: Mesh[];
+  finer: Finer;
+}
+
+const received = new Map<string, [(Page | Packed)[], Finer]>();
+seecolor.mesh = (name: string, packed: Packed, finer: Finer) => received.set(name, [[packed], finer]);
+seecolor.textured = (name: string, parts: (Page | Packed)[], finer: Finer) => received.set(name, [parts, finer]);
 
 const receivedColors = new Map<string, string>();
 seecolor.meshColors = (name: string, colors: string) => receivedColors.set(name, colors);
@@ -46,23 +54,15 @@ export async function rawColors(name: string, vertices: number): Promise<BufferA
   return new BufferAttribute(opaque(await inflated(packed), vertices), 4, true);
 }
 
-/** A piece in the colors of its vertices; positions in the map's own coordinates. */
-export async function colored(name: string, material: Material): Promise<Mesh[]> {
+/** A piece, in the map's own coordinates: a part for each page of texture, and one in the colors of its vertices. */
+export async function loaded(name: string, material: Material): Promise<Loaded> {
   await script(`page/map/${encodeURIComponent(name)}.js`);
-  const packed = received.get(name);
-  if (!packed) throw new Error(`${name} is not a piece of the map`);
+  const found = received.get(name);
+  if (!found) throw new Error(`${name} is not a piece of the map`);
   received.delete(name);
-  return blocks(await withColors(packed), material);
-}
-
-/** A piece with the images on it: a part for each page of texture, and one of what no image shows. */
-export async function textured(name: string, material: Material): Promise<Mesh[]> {
-  await script(`page/map/${encodeURIComponent(name)}.js`);
-  const parts = receivedParts.get(name);
-  if (!parts) throw new Error(`${name} is not a piece of the map`);
-  receivedParts.delete(name);
+  const [parts, finer] = found;
   const made = parts.map(async (part) => ("jpeg" in part ? blocks(await withPlaces(part), await painted(part.jpeg)) : blocks(await withColors(part), material)));
-  return (await Promise.all(made)).flat();
+  return { meshes: (await Promise.all(made)).flat(), finer };
 }
 
 /** Free what a piece holds on the graphics card. material: that of all pieces, which stays. */
