@@ -19,8 +19,7 @@ NAMES = (".writing-notes.txt", ".writing-0", ".writing-2024-05-01-dive.csv", ".w
 
 @pytest.mark.slow
 @pytest.mark.posix
-@pytest.mark.parametrize("times", [1, 3])
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(("number", "times"), [(signal.SIGTERM, 3), (signal.SIGHUP, 1)])
 def test_a_batch_systems_signal_ends_a_run_as_ctrl_c_does(
     make_dive, tmp_path: Path, number: int, times: int
 ) -> None:
