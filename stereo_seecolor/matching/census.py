@@ -36,7 +36,8 @@ def census(image: Gray) -> Census:
     border is replicated.
     """
     bits = np.empty(image.shape, np.uint32)
-    _census(padded(image), PATTERN, bits)
+    padded = cv2.copyMakeBorder(image, _REACH, _REACH, _REACH, _REACH, cv2.BORDER_REPLICATE)
+    _census(padded, PATTERN, bits)
     return bits
 
 
@@ -48,12 +49,6 @@ def mirrored_census(image: Gray, before: int, after: int) -> Census:
     bits = np.zeros((height, before + width + after), np.uint32)
     bits[:, before : before + width] = census(image)[:, ::-1]
     return bits
-
-
-def padded(image: Gray) -> Gray:
-    """Extend the image by the replicated border that ``census_at`` reads."""
-    wider: Gray = cv2.copyMakeBorder(image, _REACH, _REACH, _REACH, _REACH, cv2.BORDER_REPLICATE)
-    return wider
 
 
 @compiled
@@ -76,13 +71,3 @@ def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
         # as bits[y] = row, which would compile a message about shapes for two seconds
         for x in range(width):
             bits[y, x] = row[x]
-
-
-@compiled(inline=True)
-def census_at(padded: Gray, pattern: NDArray[np.int64], y: int, x: int) -> Any:
-    """Compute the census of one pixel, uint32, of an image that ``padded`` returned."""
-    bits, center = np.uint32(0), padded[y + _REACH, x + _REACH]
-    for i in range(pattern.shape[0]):
-        darker = padded[y + _REACH + pattern[i, 0], x + _REACH + pattern[i, 1]] < center
-        bits = np.uint32(bits << np.uint32(1)) | np.uint32(darker)
-    return bits

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.census import PATTERN, census_at, padded
+from stereo_seecolor.matching.census import Census, census
 from stereo_seecolor.matching.gray import Gray
 from stereo_seecolor.records import Map
 
@@ -198,7 +197,7 @@ def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
     that cannot be estimated.
     """
     most = DIAGNOSTICS_CONSTANTS.vertical_search_px
-    return vertical_px_of(_row_costs(padded(left), padded(right), PATTERN, disparity, most))
+    return vertical_px_of(_row_costs(census(left), census(right), disparity, most))
 
 
 def vertical_px_of(cost: NDArray[np.float64]) -> float:
@@ -215,27 +214,14 @@ def vertical_px_of(cost: NDArray[np.float64]) -> float:
     return float(best - most + 0.5 * (below - above) / max(max(below, above) - here, 1e-9))
 
 
-@compiled
-def _row_costs(
-    left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: Map, most: int
-) -> NDArray[np.float64]:
+def _row_costs(left: Census, right: Census, disparity: Map, most: int) -> NDArray[np.float64]:
     """Bits by which matched pixels differ, for shifts of rows from -most to most; every 16th pixel
     of every 16th row.
     """
     height, width = disparity.shape
-    cost = np.zeros(2 * most + 1, np.float64)
-    for y in range(most, height - most, 16):
-        for x in range(0, width, 16):
-            if not np.isfinite(disparity[y, x]):
-                continue
-            met = min(max(x - int(np.rint(disparity[y, x])), 0), width - 1)
-            here = census_at(left, pattern, y, x)
-            for i in range(cost.size):
-                different = here ^ census_at(right, pattern, y + i - most, met)
-                different -= (different >> np.uint32(1)) & np.uint32(0x55555555)
-                different = (different & np.uint32(0x33333333)) + (
-                    (different >> np.uint32(2)) & np.uint32(0x33333333)
-                )
-                different = (different + (different >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
-                cost[i] += np.uint32(different * np.uint32(0x01010101)) >> np.uint32(24)
-    return cost
+    y, x = np.mgrid[most : height - most : 16, 0:width:16]
+    known = np.isfinite(disparity[y, x])
+    y, x = y[known], x[known]
+    met = np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)
+    shifted = right[y + np.arange(-most, most + 1)[:, None], met]
+    return np.bitwise_count(left[y, x] ^ shifted).sum(axis=1, dtype=np.float64)
