@@ -49,6 +49,9 @@ RANGE_ERROR, DEVIATIONS = 0.02, 2.0
 """Ranges are wrong where they are by more than both."""
 ROWS_PX = 0.05
 """What a usual lens model leaves in rows that grows evenly over the image."""
+REST = 0.1
+"""Standard error of the logarithm of what rigid motions leave: of couples that share one rig it is
+up to 1.1 times what those leave that have values of their own."""
 LEAST_POINTS = 20
 """Of a pair."""
 MOST_LEFT_OUT = 10
@@ -223,8 +226,8 @@ def find_causes(
         return NOT_TESTED
     try:
         start = _Undone.of(points, (), np.zeros(0))
-    except np.linalg.LinAlgError:  # all points in one place
-        return NOT_TESTED
+    except np.linalg.LinAlgError:  # all points in one place, or couples that fit no motion
+        return find_causes(rig, matches) if points.couples else NOT_TESTED
     best, continued = [start], [start]
     for _ in range(MOST_TOGETHER):
         if best[0].misfit(best[0]) < PENALTY:
@@ -353,7 +356,7 @@ def _reading(rig: StereoRig, causes: Sequence[int], amounts: Array) -> _Reading:
 @dataclass(frozen=True, eq=False)
 class _Undone:
     """What is left of the evidence after causes of these amounts are undone. values, cov: (n,) and
-    (n, n), pixels. slopes: (n, causes) by how much of it more of each would leave.
+    (n, n), pixels. rest_px: what rigid motions leave of couples, NaN without these.
 
     left, right: (m, 2) rectified pixels of some points.
     """
@@ -362,6 +365,7 @@ class _Undone:
     amounts: Array
     values: Array
     cov: Array
+    rest_px: float
     reading: _Reading
     left: Array
     right: Array
@@ -378,16 +382,17 @@ class _Undone:
         left, right, disparity = left[seen], right[seen], disparity[seen]
         rows = right[:, 1] - left[:, 1]
         values, cov = _row_evidence(right, disparity, rows, points.pairs[seen], geometry)
+        rest_px = float("nan")
         if points.couples:
             couples = [_seen_twice(points, reading, couple) for couple in points.couples]
-            moved, moved_cov = _motion_evidence(couples, geometry)
+            moved, moved_cov, rest_px = _motion_evidence(couples, geometry)
             none = np.zeros((len(values), len(moved)))
             values, cov = (
                 np.concatenate([values, moved]),
                 np.block([[cov, none], [none.T, moved_cov]]),
             )
         step = -(-len(left) // SHOWN)
-        return cls(causes, amounts, values, cov, reading, left[::step], right[::step])
+        return cls(causes, amounts, values, cov, rest_px, reading, left[::step], right[::step])
 
     def with_one(self, points: _Points, cause: int) -> tuple[tuple[int, ...], Array, float]:
         """These causes with one more, the amounts that would leave the least if the evidence were
@@ -449,9 +454,12 @@ class _Undone:
         return float(np.linalg.slogdet(self.cov)[1])
 
     def misfit(self, errors: "_Undone") -> float:
-        """What is left, in squared standard errors as ``errors`` has them."""
+        """What is left, in squared standard errors as ``errors`` has them, with what motions leave
+        more than they do there.
+        """
         white = errors.whiten @ self.values
-        return float(white @ white)
+        less_rigid = max(float(np.log(self.rest_px / errors.rest_px)), 0.0) / REST
+        return float(white @ white) + (less_rigid**2 if self.rest_px == self.rest_px else 0.0)
 
 
 def _motion_left(points: _Points, at: _Undone) -> Motion:
@@ -584,9 +592,11 @@ def _row_evidence(
     return values, np.asarray(np.diag(between**2 + lens_px**2) + formal)
 
 
-def _motion_evidence(couples: Sequence[SeenTwice], pair: RectifiedPair) -> tuple[Array, Array]:
+def _motion_evidence(
+    couples: Sequence[SeenTwice], pair: RectifiedPair
+) -> tuple[Array, Array, float]:
     """(4,) offset, focal length, and disparities over rows and columns, and their covariance, with
-    that of a usual lens model.
+    that of a usual lens model; and what motions leave beside these, pixels.
     """
     chosen = [OFFSET, FOCAL, ROWS, COLUMNS]
     fitted, free = fit_clear(couples, pair)
@@ -596,7 +606,7 @@ def _motion_evidence(couples: Sequence[SeenTwice], pair: RectifiedPair) -> tuple
     between = (len(couples) - 1) / len(couples) * off.T @ off
     cov = between + np.diag(fitted.formal[chosen] ** 2 + lens**2)
     cov[1, 1] += FOCAL not in free
-    return fitted.values[chosen], np.asarray(cov, np.float64)
+    return fitted.values[chosen], np.asarray(cov, np.float64), fitted.rest_px
 
 
 def _predicted_motion(

@@ -63,8 +63,9 @@ class MotionLimits:
     the focal length, relative. A real rig of 1360x1024 px, whose ranges fit the track of its
     survey, has 0.0014 and 0.02.
     known_focal: the focal length is fitted where its standard error is below that. range_error,
-    deviations: ranges are said to be wrong where they are by more than both. seen: an error of
-    ranges that would be found, else it is said to be unseen.
+    deviations: ranges are wrong where they are by more than both. right: no more couples are looked
+    at where error and standard error together are below that. seen: an error of ranges that would
+    be found, else it is said to be unseen.
     uneven: an error of ranges at the edges of the image, or from pair to pair, relative, that is
     named; pair_deviations: of single couples, by how many standard errors it must stand out.
     misfit: residuals so many times those of couples that each have values of their own are not
@@ -81,7 +82,8 @@ class MotionLimits:
     lens_rad: float = 0.0015
     focal: float = 0.02
     known_focal: float = 0.015
-    range_error: float = 0.05
+    range_error: float = 0.02
+    right: float = 0.05
     deviations: float = 2.0
     seen: float = 0.15
     uneven: float = 0.02
@@ -151,10 +153,8 @@ class Motion:
 
     @property
     def is_right(self) -> bool:
-        """True if ranges are right to within what is said to be wrong, their standard error
-        included.
-        """
-        return abs(self.range_error) + self.range_std < LIMITS.range_error and not self._is_uneven
+        """True if ranges are right to 5 %, their standard error included."""
+        return abs(self.range_error) + self.range_std < LIMITS.right and not self._is_uneven
 
     @property
     def _is_uneven(self) -> bool:
@@ -353,7 +353,12 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
     uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
     # an error over the columns alike in all pairs looks, in each couple, like one between moments
     even = [_without_columns(couple, float(uneven.values[COLUMNS]), geometry) for couple in couples]
-    own = [fit_motions([couple], geometry, OFFSET, LATER, LATER_ROWS) for couple in even]
+    own = []
+    for couple in even:
+        with suppress(np.linalg.LinAlgError):  # one that holds no motion; the others do
+            own.append(fit_motions([couple], geometry, OFFSET, LATER, LATER_ROWS))
+    if not own:
+        return unknown
     for value in (LATER, LATER_ROWS):
         if between_px := _between_px(own, value, disparity_px):
             rolled_px = float(np.median([abs(one.roll_rad) for one in couples])) * height / 2

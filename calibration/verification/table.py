@@ -142,6 +142,10 @@ def _bent(camera: Camera, more: float) -> Camera:
     return replace(camera, distortion=distortion)
 
 
+def _bent_more(camera: Camera, more: float) -> Camera:
+    return replace(camera, distortion=(1 + more) * camera.distortion)
+
+
 def _in_water(rig: StereoRig, more: float) -> StereoRig:
     """A rig that was calibrated in air, behind flat ports, in what bends light by an index of 1 +
     more.
@@ -168,13 +172,22 @@ IN_AIR = Cause(
     f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)",
     _in_water,
 )
-LENSES = tuple(
-    Cause(f"{of} otherwise (k1 by {{}} +- {{}})", Amount(1, 1e-3, 0.5), OTHER, make)
-    for of, make in (
-        ("lenses that bend", _of_sides(_bent, "left", "right")),
-        ("a lens of the right side that bends", _of_sides(_bent, "right")),
-        ("a lens of the left side that bends", _of_sides(_bent, "left")),
-    )
+LENSES = (
+    *(
+        Cause(f"{of} otherwise (k1 by {{}} +- {{}})", Amount(1, 1e-3, 0.5), OTHER, make)
+        for of, make in (
+            ("lenses that bend", _of_sides(_bent, "left", "right")),
+            ("a lens of the right side that bends", _of_sides(_bent, "right")),
+            ("a lens of the left side that bends", _of_sides(_bent, "left")),
+        )
+    ),
+    Cause(
+        "lenses that bend {} +- {} times as much as calibrated (0: images without distortion "
+        "already; -1: coefficients of the other sign)",
+        Amount(1, 1e-2, 2.5, 0.75, zero=1),  # less is rather another k1
+        "give images as the camera took them, or a calibration of these images",
+        _of_sides(_bent_more, "left", "right"),
+    ),
 )
 CAUSES = (
     Cause(

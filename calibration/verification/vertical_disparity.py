@@ -8,7 +8,7 @@ from calibration.errors import counted
 from calibration.rig_errors import RangeError
 from calibration.verification.causes import NOT_TESTED, Causes
 from calibration.verification.motion import NO_MOTION, Motion
-from calibration.verification.table import CUT_OUT, GIVE_RECTIFIED, IN_AIR, MOVED, RECTIFIED
+from calibration.verification.table import CUT_OUT, GIVE_RECTIFIED, IN_AIR, MOVED, OTHER, RECTIFIED
 
 
 @dataclass(frozen=True)
@@ -93,12 +93,13 @@ class RowCheck:
 
     @property
     def ranges_are_wrong(self) -> bool:
-        """True if a cause that explains rows and motion makes ranges wrong, left is not left,
-        pairs differ, or rows are off by so much that ranges are.
+        """True if a cause that explains rows and motion makes ranges wrong, the motion contradicts
+        them without it, left is not left, pairs differ, or rows are off by so much that ranges are.
         """
         return bool(
             self.swapped
             or self.causes.is_wrong
+            or self._left.is_found
             or self._between
             or self.refusal
             or self.mistake
@@ -198,6 +199,11 @@ class RowCheck:
         return self.causes.is_(CUT_OUT) and not self._agree
 
     @property
+    def _left(self) -> Motion:
+        """What the motion shows where the best cause is undone."""
+        return self.causes.motion if self.causes.motion.couples else self.motion
+
+    @property
     def _between(self) -> str:
         """What differs from pair to pair in the motion, and does so without the cause that was
         found.
@@ -219,7 +225,8 @@ class RowCheck:
                 "since, too, so that rows do not tell which",
             )
         advice = []
-        if not self._agree or self.causes.is_wrong or (self.causes.line and self.motion.is_found):
+        found = self.causes.is_wrong or self._left.is_found
+        if not self._agree or found or (self.causes.line and self.motion.is_found):
             advice.append(self._explanation)
         advice += [one for one in (self._between, self.odd) if one]
         return tuple(advice)
@@ -240,6 +247,7 @@ class RowCheck:
                 or self.mistake
                 or self.refusal
                 or self.change
+                or (self._contradiction and not self.causes.line)
                 else [self._of_motion]
             ),
             *self.advice,
@@ -250,10 +258,10 @@ class RowCheck:
     @property
     def measured(self) -> RangeError | None:
         """The error of ranges at the median disparity; None where none is known."""
-        if self.causes.explains_motion and self.causes.best:
-            best = self.causes.best
+        best = self.causes.best
+        if best and best.is_wrong and self.causes.explains_motion:
             return RangeError(best.range_error, best.range_std, self.motion.at_m)
-        return self.motion.measured
+        return self._left.measured
 
     @property
     def _of_motion(self) -> str:
@@ -269,7 +277,8 @@ class RowCheck:
     def _mended(self) -> str:
         """That refining mends the rows, where it does, and does not only hide another cause."""
         refines = self.has_moved and self.unexplained_px <= LIMITS.acceptable_px
-        if self.acceptable or not refines or self.causes.is_wrong_if_refined:
+        hides = self.causes.is_wrong_if_refined or self._left.is_found
+        if self.acceptable or not refines or hides:
             return ""
         return (
             f"; refined on the dive, it would leave about {self.unexplained_px:.2f} px: "
@@ -304,9 +313,22 @@ class RowCheck:
             )
         if self.causes is NOT_TESTED and self._is_drift:
             return f"{what}: {MOVED}"
+        if self.causes.line:
+            beside = f"; beside it, {self._contradiction}" if self._contradiction else ""
+            return f"{what}: {self.causes.line}{beside}"
+        if self._contradiction:
+            return f"{what}: {self._contradiction}"
         return (
-            f"{what}: {self.causes.line}"
-            if self.causes.line
-            else f"{what}: no movement, lens or mode explains it: pairs that are not of one "
+            f"{what}: no movement, lens or mode explains it: pairs that are not of one "
             "moment, moving things, or images too noisy or blurred to be matched"
         )
+
+    @property
+    def _contradiction(self) -> str:
+        """What the motion shows that the best cause leaves, and what to do; "" where nothing, or
+        where it differs from pair to pair, which is a line of its own.
+        """
+        left = self._left
+        if not left.is_found or left.between_px:
+            return ""
+        return f"{left.line}; more than one cause would explain it, or none: {OTHER}"

@@ -129,9 +129,7 @@ class JudgedRig:
         )
         couples = list(chain.from_iterable(found_in))
         motion = motion_of(couples, rectification.matching_pair)
-        causes = self.rows.causes
-        if motion.is_known or motion.is_found:
-            causes = find_causes(rig, matches, couples)
+        causes = find_causes(rig, matches, couples)
         return replace(self, rows=replace(self.rows, motion=motion, causes=causes))
 
 
