@@ -5,7 +5,6 @@ It does not depend on exposure, gain and backscatter, which change a pixel and i
 equally.
 """
 
-from typing import Any
 
 import cv2
 import numpy as np
