@@ -17,6 +17,7 @@ from calibration.rectification import (
 from calibration.rig import StereoRig
 from calibration.verification.causes import NOT_TESTED, find_causes
 from calibration.verification.matches import Matches, find_matches
+from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import explain, row_inliers
 from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 
@@ -43,9 +44,12 @@ def rows_off_px(rig: StereoRig, matches: Sequence[Matches]) -> float:
     return float(np.median(np.abs(right[:, 1] - left[:, 1])))
 
 
-def judge_matches(rig: StereoRig, matches: Sequence[Matches]) -> RowCheck:
-    """Judge the rows as vertical_disparity does, from matches in the rectified images of each
-    pair.
+def judge_matches(
+    rig: StereoRig, matches: Sequence[Matches], couples: Sequence[SeenTwice] = ()
+) -> RowCheck:
+    """Judge the rows as vertical_disparity does, from matches in the rectified images of each pair.
+
+    couples: points of neighboring pairs, by whose motion causes are tested, too.
     """
     plan = plan_rectification(rig)
     pair = plan.matching_pair
@@ -56,7 +60,7 @@ def judge_matches(rig: StereoRig, matches: Sequence[Matches]) -> RowCheck:
     model, unexplained = explain(rows, left)
     row_error_px = float(np.median(np.abs(rows)))
     across = 1 - plan.pair.quarter_turns % 2  # rows, or columns of a vertical pair
-    causes = find_causes(rig, matches)
+    causes = find_causes(rig, matches, couples)
     agree = row_error_px <= LIMITS.acceptable_px
     return RowCheck(
         pairs=len(matches),

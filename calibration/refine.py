@@ -26,6 +26,7 @@ from calibration.resampling import jackknife, no_worse
 from calibration.rig import StereoRig, quarter_turn
 from calibration.verification.conventions import settle_matches
 from calibration.verification.matches import Matches, rectified_matches
+from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import row_inliers
 
 Array = NDArray[np.float64]
@@ -55,7 +56,13 @@ SCALE_STEP = 1e-3  # of the derivative of rays by the scale
 MODELS = tuple(PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1))
 
 
-def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
+class HiddenCauseError(CalibrationError):
+    """What makes ranges wrong is no movement of a camera, and a refined rig would hide it."""
+
+
+def refine_matches(
+    rig: StereoRig, raw: Sequence[Matches], couples: Sequence[SeenTwice] = ()
+) -> StereoRig:
     """The rig with what has moved estimated from matches in raw pixels of image pairs of a dive.
 
     Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with
@@ -64,8 +71,10 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     The simplest of four models is taken whose vertical disparity on pairs left out of the fit is no
     worse than the best's; the calibration stays as it is where it is that good itself.
 
-    Raises CalibrationError for fewer than three pairs with matches, and for a calibration made in
-    air and used in water.
+    couples: points of neighboring pairs, whose motion tells causes apart that rows do not.
+
+    Raises CalibrationError for fewer than three pairs with matches, and HiddenCauseError where a
+    calibration made in air, other lenses or another mode explain rows and motion.
     """
     rig = settle_matches(rig, raw)
     kept = [_usable(rig, matches) for matches in raw]
@@ -76,11 +85,11 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
             f"images, and {LIMITS.min_pairs} are "
             "needed to refine a calibration: give more pairs with texture"
         )
-    check = judge_matches(rig, rectified_matches(rig, kept))
+    check = judge_matches(rig, rectified_matches(rig, kept), couples)
     if check.refusal or check.no_rig:
         raise CalibrationError(check.advice[0])
     if check.air_in_water or check.cut_out or check.is_lens:
-        raise CalibrationError(
+        raise HiddenCauseError(
             f"{check.advice[-1]}; a refined rig would fit the rows with a wrong yaw, and ranges "
             "would be wrong"
         )

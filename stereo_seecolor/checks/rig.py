@@ -7,11 +7,14 @@ from itertools import chain
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
+from calibration.rectification import plan_rectification
 from calibration.verification.causes import find_causes
+from calibration.verification.conventions import settle_matches
 from calibration.verification.matches import Matches, find_matches
 from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
 from calibration.verification.motion import find_couples, find_motion, motion_of
 from calibration.verification.quick_check import quick_check
+from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
 from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (
@@ -122,15 +125,39 @@ class JudgedRig:
         """With the motion between neighboring pairs, and what explains it and the rows."""
         if self.rows is None or self.refusal or self.rows.change or self.rows.swapped:
             return self
-        rectification = Rectification.from_rig(rig)
-        threads = matching_threads(rectification.raw_size)
-        found_in = threads.each(
-            lambda near: list(find_couples(rectification, [near])), neighbors(pairs, images)
-        )
-        couples = list(chain.from_iterable(found_in))
-        motion = motion_of(couples, rectification.matching_pair)
+        couples = couples_of(rig, pairs, images)
+        motion = motion_of(couples, plan_rectification(rig).matching_pair)
         causes = find_causes(rig, matches, couples)
         return replace(self, rows=replace(self.rows, motion=motion, causes=causes))
+
+
+def couples_of(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> list[SeenTwice]:
+    """Points of neighboring pairs spread over the dive, matched on all cores."""
+    rectification = Rectification.from_rig(rig)
+    threads = matching_threads(rectification.raw_size)
+    found = threads.each(
+        lambda near: list(find_couples(rectification, [near])), neighbors(pairs, images)
+    )
+    return list(chain.from_iterable(found))
+
+
+def refine_on_dive(
+    rig: StereoRig, raw: Sequence[Matches], pairs: Sequence[Pair], images: InputConfig
+) -> StereoRig:
+    """``refine_matches``; a cause that rows name and refining would hide is tested on the motion
+    between pairs of the dive, too, which takes longer. Raises CalibrationError.
+    """
+    # scipy.optimize: half a second that other runs need not wait for
+    from calibration.refine import HiddenCauseError, refine_matches
+
+    try:
+        return refine_matches(rig, raw)
+    except HiddenCauseError:
+        settled = settle_matches(rig, raw)
+        couples = couples_of(settled, pairs, images)
+        if not couples:
+            raise
+        return refine_matches(settled, raw, couples)
 
 
 def judge_rig(

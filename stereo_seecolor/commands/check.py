@@ -11,7 +11,6 @@ from calibration.formats import write_rig
 from calibration.port import FlatPort
 from calibration.port_errors import port_error
 from calibration.rectification import raw_points
-from calibration.refine import refine_matches
 from calibration.refinement import Refinement
 from calibration.suspicions import suspicions
 from calibration.verification.conventions import settle_matches
@@ -19,7 +18,7 @@ from calibration.verification.matches import Matches, rectified_matches
 from calibration.verification.vertical_disparity import LIMITS
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
-from stereo_seecolor.checks.rig import judge_rig, matches_of
+from stereo_seecolor.checks.rig import judge_rig, matches_of, refine_on_dive
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import DiveVerdict, verdict_of
 from stereo_seecolor.commands.rig_loading import load_unsettled, pairs_of
@@ -142,7 +141,7 @@ def check(
         return CheckResult(rig_facts(rig), rows, suspicions(rig), of_images)
     if judged.refusal:
         raise CalibrationError(f"a wrong calibration is not refined: {judged.refusal}")
-    refined = refine_matches(rig, kept)
+    refined = refine_on_dive(rig, kept, pairs, images)
     write_rig(refined, refine)
     found = rectified_matches(refined, kept)
     after = judge_rig(refined, found, pairs, images, change)

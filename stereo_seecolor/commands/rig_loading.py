@@ -12,6 +12,7 @@ from calibration.resizing import wrong_size
 from calibration.rig import for_channels
 from calibration.verification.conventions import resolve_convention
 from calibration.verification.matches import Matches, raw_matches
+from stereo_seecolor.checks.rig import refine_on_dive
 from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -136,11 +137,6 @@ def refine_rig(
     CalibrationError if it cannot be.
     """
 
-    # scipy.optimize: half a second that other runs need not wait for
-    from calibration.refine import (
-        refine_matches,
-    )
-
     def matched(pair: Pair) -> tuple[Pair, Matches | None]:
         try:
             return pair, raw_matches(rig, [read_both(pair, images)])[0]
@@ -152,4 +148,4 @@ def refine_rig(
     for pair, matches in options.compute.each(matched, chosen):
         options.listener.advance(FrameRow(pair.name))
         found += [matches] if matches else []
-    return refine_matches(rig, found)
+    return refine_on_dive(rig, found, pairs, images)
