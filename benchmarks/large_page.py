@@ -4,10 +4,9 @@
 
 OUT is a run with a map and its page, of which the pieces are repeated side by side: what is
 measured is the page's own program with as many pieces, of the same sizes and in the same tree, as a
-map of that many frames has. Coarser pieces above the repeated ones have the triangles of OUT's
-coarsest one, stretched. All pieces are listed; the files of the finer ones, with the images on
-them, are written only for so many copies around the middle (--written), where the view goes. FOLDER
-is new, for the page.
+map of that many frames has. Coarser pieces above the repeated ones have the triangles and the
+images of OUT's coarsest one, stretched. The files of the repeated ones are written only for so many
+copies around the middle (--written), where the view goes. FOLDER is new, for the page.
 
 Prints, of Chromium without a graphics card in a window of 1280x800: seconds to the first picture
 and until all is loaded, memory of the page's script and of the processes that draw it, and
@@ -68,7 +67,8 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     about = content(out / "page/map/map.js")[0]
     of_one = len(content(out / "page/dive.js")[0]["poses"])
     edge = math.ceil(math.sqrt(frames / of_one))
-    (root,) = {*about["textured"]} - {n for p in about["textured"].values() for n in p["finer"]}
+    (top,) = {*about["textured"]} - {n for p in about["textured"].values() for n in p["finer"]}
+    (root,) = about["textured"][top]["finer"]  # the coarsest piece with images
     low_m, high_m = about["textured"][root]["low_m"], about["textured"][root]["high_m"]
     size_m = [high - low for low, high in zip(low_m[:2], high_m[:2], strict=True)]
     level, count, of_level = 0, edge, dict[str, Any]()
@@ -93,7 +93,11 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
                 of_level[new] = moved(about["textured"][root], 2**level, offset_m)
                 of_level[new] |= {"finer": [*finer]}
                 write(out, folder, root, new, 2**level, offset_m, finer)
-    about |= {"pieces": of_level, "textured": of_level}
+    offset_m = [corner * (1 - 2**level) for corner in low_m[:2]] + [0.0]
+    entry = moved(about["textured"][top], 2**level, offset_m)
+    write(out, folder, top, "top", 2**level, offset_m, {})
+    about["pieces"] = {"top": entry | {"finer": []}}
+    about["textured"] = {"top": entry | {"finer": [*of_level]}, **of_level}
     text = f"seecolor.map({json.dumps(about, separators=(',', ':'))});\n"
     (folder / "page/map/map.js").write_text(text)
     return of_one * edge**2
@@ -144,7 +148,8 @@ def content(path: Path) -> list[Any]:
 def moved(piece: dict[str, Any], scale: int, offset_m: list[float]) -> dict[str, Any]:
     """A piece of the list, stretched along the map and moved."""
     corners = {key: placed(piece[key], scale, offset_m) for key in ("low_m", "high_m")}
-    return {**piece, **corners, "cell_m": scale * piece["cell_m"]}
+    sizes = {key: scale * piece[key] for key in ("cell_m", "texel_m") if key in piece}
+    return {**piece, **corners, **sizes}
 
 
 def placed(point_m: list[float], scale: int, offset_m: list[float]) -> list[float]:
