@@ -424,7 +424,7 @@ def drawn_heights(
 
 def circles(terrain: Terrain, rng: np.random.Generator, count: int) -> list[Outline]:
     """Circles of 10 to 25 cm that the map knows whole, with their ground."""
-    angle, found = np.linspace(0, 2 * np.pi, 60, endpoint=False), []
+    angle, found = np.linspace(0, 2 * np.pi, 24, endpoint=False), []
     grid = terrain.grid
     while len(found) < count:
         row, column = (int(rng.integers(30, size - 30)) for size in grid.shape)

@@ -3,7 +3,6 @@ by tile, to the byte again.
 """
 
 import json
-import shutil
 import sys
 from pathlib import Path
 
@@ -23,7 +22,9 @@ from mapping_scene import (
 )
 from test_mapping_fusion import read_triangles, stopped_at_tile
 
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.mapping.surface.engines import engine
@@ -71,7 +72,7 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(
 def test_tiles_of_open3d_join_without_seams_and_come_out_the_same_again(
     reef: ReefFrames, tmp_path: Path
 ) -> None:
-    sizes = {"one": 100.0, "many": 0.5, "again": 0.5}
+    sizes = {"one": 100.0, "many": 1.0, "again": 1.0}
     for name, tile_m in sizes.items():
         build_map(
             reef,
@@ -104,11 +105,10 @@ def test_both_engines_find_the_true_reef(
 
 @pytest.mark.slow
 def test_both_engines_agree_on_the_terrain_of_the_sample_dive(
-    sample_run: SampleRun, tmp_path: Path, cli: Cli
+    sample_run: SampleRun, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
-    shutil.copytree(sample_run.out, out)
-    assert cli("fuse", out, "--set", "mapping.engine=open3d")[0] == 0
+    out = sample_run.copy(tmp_path / "out")
+    fuse(out, config=load_config(out / "run.json", ["mapping.engine=open3d"]))
     ours, theirs = terrain(sample_run.out / "map"), terrain(out / "map")
     both = ours.keys() & theirs.keys()
     assert np.median([abs(ours[cell] - theirs[cell]) for cell in both]) < 0.003

@@ -181,7 +181,7 @@ def until(page: Page, condition: str | Callable[[], bool]) -> None:
     end_s = time.monotonic() + PATIENCE_S
     while not (page.evaluate(condition) if isinstance(condition, str) else condition()):
         assert time.monotonic() < end_s, condition
-        page.wait_for_timeout(100)
+        page.wait_for_timeout(30)
 
 
 def box_of(shown: Locator) -> FloatRect:

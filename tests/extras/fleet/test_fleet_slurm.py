@@ -13,6 +13,7 @@ from filelock import FileLock
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.extras.fleet.cluster import connect
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -50,7 +51,10 @@ def slurm(controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.slurm
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # libraries of the cluster warn of their own
-def test_what_slurm_says_of_jobs_without_a_worker_is_told(tmp_path: Path, slurm: Path) -> None:
+def test_what_slurm_says_of_jobs_without_a_worker_is_told(
+    tmp_path: Path, slurm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connect, "LOOK_S", 1.0)
     usual = (
         slurm.read_text()
         .removesuffix("}")
