@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb, log
 
 import cv2
 import numpy as np
@@ -229,7 +230,7 @@ def find_causes(
     except np.linalg.LinAlgError:  # all points in one place, or couples that fit no motion
         return find_causes(rig, matches) if points.couples else NOT_TESTED
     best, continued = [start], [start]
-    for _ in range(MOST_TOGETHER):
+    for together in range(1, MOST_TOGETHER + 1):
         if best[0].misfit(best[0]) < PENALTY:
             break
         fits = _with_one_more(points, continued)
@@ -243,7 +244,9 @@ def find_causes(
         if not fits:
             continue
         misfit, times = fits[0].misfit(least), fits[0].times_chance(least)
-        if misfit < best[0].misfit(least) - PENALTY * times:
+        # of more sets one explains more by chance (extended BIC, Chen and Chen 2008)
+        chance = 2 * log(comb(len(CAUSES), together) / len(CAUSES))
+        if misfit < best[0].misfit(least) - (PENALTY + chance) * times:
             best = [fit for fit in fits if fit.misfit(least) < misfit + ALIKE]
     best.sort(key=lambda fit: fit.unusual)  # of those that explain as much the most usual
     best = [fit for fit in best if fit.unusual < 2 or fit.unusual == best[0].unusual]

@@ -170,7 +170,7 @@ def test_what_nothing_explains_gets_no_number() -> None:
     ("faults", "named"),
     [
         ([affine(x_px=5, roll=0.008)], {ROLL, ALONG}),
-        ([affine(scale=1.02), shutters(2)], {RIGHT, SHUTTERS}),
+        ([affine(scale=1.02), shutters(3)], {RIGHT, SHUTTERS}),
         ([affine(x_px=8, y_px=4, scale=1.02)], {RIGHT, ALONG, ACROSS}),
     ],
 )
