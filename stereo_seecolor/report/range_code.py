@@ -19,8 +19,8 @@ class RangeCode:
 
     # half a step is 0.095 mm at 1 m, a tenth of a range's standard error; and no finer than
     step_per_m: float = 1.9e-4
-    # this part of it as a frame states it: what rounding adds is 4 % of its square; with a whole one
-    # the page's lengths and areas differ from those of ``measure`` in the fourth digit
+    # this part of it as a frame states it: what rounding adds is 4 % of its square; with a whole
+    # one, the page's areas differ from those of ``measure`` in the fourth digit
     of_std: float = 0.7
     std_floor_m: float = 1e-5  # no stereo measures better
     std_steps_per_octave: int = 12  # 3 % of the standard error; 8 bits reach 24 m

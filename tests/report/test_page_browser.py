@@ -802,6 +802,19 @@ def test_hillshade_is_offered_where_it_changes_what_is_shown(on_map: Page) -> No
         expect(shade).to_be_visible(visible=there)
 
 
+def test_a_piece_without_its_file_is_shown_coarsely_and_the_map_rests(
+    mapped: Path, new_context: Callable[..., BrowserContext], tmp_path: Path
+) -> None:
+    copy = shutil.copytree(mapped, tmp_path / "out")
+    for file in (copy / "page/map").glob("textured_*.js"):
+        file.unlink()
+    page = new_context().new_page()
+    page.goto(f"{(copy / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    at_rest(page)
+    assert int(page.locator(".map-stage canvas").get_attribute("data-triangles") or 0) > 0
+
+
 @pytest.mark.slow
 def test_frames_are_looked_for_at_the_height_of_the_terrain(
     mapped: Path, new_context: Callable[..., BrowserContext], tmp_path: Path
