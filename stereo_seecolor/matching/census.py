@@ -5,7 +5,6 @@ It does not depend on exposure, gain and backscatter, which change a pixel and i
 equally.
 """
 
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

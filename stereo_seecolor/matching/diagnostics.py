@@ -224,4 +224,5 @@ def _row_costs(left: Census, right: Census, disparity: Map, most: int) -> NDArra
     y, x = y[known], x[known]
     met = np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)
     shifted = right[y + np.arange(-most, most + 1)[:, None], met]
-    return np.bitwise_count(left[y, x] ^ shifted).sum(axis=1, dtype=np.float64)
+    differing = np.bitwise_count(left[y, x] ^ shifted)
+    return np.asarray(differing.sum(axis=1), np.float64)
