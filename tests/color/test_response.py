@@ -82,6 +82,7 @@ def test_what_is_undecided_says_so_and_stays_srgb() -> None:
     assert measure_response([]).verdict == "undecided"
 
 
+@pytest.mark.slow
 def test_the_errors_of_an_unmeasured_response_cover_both_readings(tmp_path: Path) -> None:
     pairs = write(tmp_path, [np.full((80, 80, 3), 90, np.uint8)] * 4)
     unmeasured = settle_response(RunConfig(), pairs)[0].color
