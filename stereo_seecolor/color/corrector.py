@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.fitting.response_doubt import with_doubt_of_response
 from stereo_seecolor.color.photometry.light_model import Light, lit_by, settings_under
 from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
@@ -158,7 +159,8 @@ class Corrector:
         config = settings_under(self.config, light)
 
         def fit(table: MomentTable, start: Water | None) -> Water:
-            return lit_by(Corrector(config).fit(table, start), light)
+            fitted = Corrector(config).fit(table, start)
+            return with_doubt_of_response(lit_by(fitted, light), fitted, table, config)
 
         if config.lock == "frame":
             return FrameFitter(fit, linked)

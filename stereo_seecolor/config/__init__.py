@@ -8,7 +8,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from stereo_seecolor.config.color import ColorConfig, LampsConfig, PaperConfig, RobustConfig
+from stereo_seecolor.config.color import (
+    ColorConfig,
+    LampsConfig,
+    PaperConfig,
+    RobustConfig,
+    UnmeasuredColorConfig,
+)
 from stereo_seecolor.config.inputs import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
 from stereo_seecolor.config.matching import MatchingConfig
@@ -27,6 +33,7 @@ __all__ = [
     "PaperConfig",
     "RobustConfig",
     "RunConfig",
+    "UnmeasuredColorConfig",
 ]
 
 

@@ -136,6 +136,9 @@ class ColorConfig(StageConfig):
         "decoding. The output is encoded as sRGB, except with as-is.",
     )
 
+    response_measured: ClassVar[bool] = True
+    """False: how the images encode light was not measurable."""
+
     @property
     def encoding(self) -> Literal["srgb", "linear", "as-is"]:
         """``input_encoding``; sRGB if it is auto and was not measured."""
@@ -168,3 +171,11 @@ class ColorConfig(StageConfig):
         "range of measured neighbors of the same color (mask 2; range/ does not change). "
         "black: black. raw: the uncorrected pixel.",
     )
+
+
+class UnmeasuredColorConfig(ColorConfig):
+    """The same for images whose noise does not show how they encode light; they are read as
+    sRGB.
+    """
+
+    response_measured: ClassVar[bool] = False

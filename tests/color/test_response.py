@@ -8,6 +8,7 @@ import numpy as np
 import PIL.Image
 import pytest
 from cameras import Camera, drawn_light
+from test_color_robust import BLUE, reef, seen_through, slope
 
 from stereo_seecolor.checks.camera_response import (
     COLOR_SPACE,
@@ -15,14 +16,16 @@ from stereo_seecolor.checks.camera_response import (
     SRGB,
     settle_response,
 )
+from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.response.measure import MeasuredResponse, measure_response
-from stereo_seecolor.color.response.response import Response
+from stereo_seecolor.color.response.response import Response, standard_config
+from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig, InputConfig, RunConfig
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import StereoFrame
+from stereo_seecolor.records import StereoFrame, Water
 
 LIGHT = [drawn_light(seed) for seed in range(4)]
 
@@ -77,6 +80,29 @@ def test_what_is_undecided_says_so_and_stays_srgb() -> None:
     assert found.response == Response()
     assert "set color.input_encoding=linear" in found.line
     assert measure_response([]).verdict == "undecided"
+
+
+@pytest.mark.slow
+def test_the_errors_of_an_unmeasured_response_cover_both_readings(tmp_path: Path) -> None:
+    pairs = write(tmp_path, [np.full((80, 80, 3), 90, np.uint8)] * 4)
+    unmeasured = settle_response(RunConfig(), pairs)[0].color
+    assert (unmeasured.input_encoding, unmeasured.response_measured) == ("srgb", False)
+    rng, range_m = np.random.default_rng(3), slope()
+    image = seen_through(BLUE, reef(rng), range_m, rng)
+
+    def fitted(config: ColorConfig) -> Water:
+        fitter = Corrector(config).survey_fitter()
+        fitter.add("a", measure(image, range_m))
+        return fitter.waters()["a"]
+
+    doubted, sure = fitted(standard_config(unmeasured)), fitted(ColorConfig(input_encoding="srgb"))
+    np.testing.assert_array_equal(doubted.white, sure.white)
+    linear = fitted(ColorConfig(input_encoding="linear"))
+    color = np.log(linear.white / sure.white)
+    differences = {name: getattr(linear, name) - getattr(sure, name) for name in ("y", "beta")}
+    for name, off in (differences | {"white": sure.white * (color - color.mean())}).items():
+        assert (np.abs(off) <= 2 * doubted.standard_errors[name]).all()
+        assert (doubted.standard_errors[name] > sure.standard_errors[name]).all()
 
 
 @pytest.mark.parametrize("depth", [8, 16])

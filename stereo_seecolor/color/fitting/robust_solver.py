@@ -72,7 +72,7 @@ class Noise:
     """
     floor: float = 0.001
     """Light that the offset of a camera hides, relative to the brightest."""
-    darker: float = 0.03
+    darker: float = 0.015
     """Fraction by which backscatter may exceed the darkest quantile."""
 
     green_over_blue: float = 0.06

@@ -39,10 +39,10 @@ class ScenePrior:
     the rest is ``natural``. With more, synthetic scenes of such spectra are better, and FLSea's
     white targets yellower, by 0.1 to 0.2 degrees.
     """
-    natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.75, 0.35, 0)
-    """Fraction of ``natural`` at each quantile: the brightest are white, or reflections. With 0.9,
-    0.6, 0.25 FLSea's white targets were warm by 7 %, and synthetic reefs, whose brightest material
-    is warm sand, were better by 0.5 degrees.
+    natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.82, 0.48, 0.12)
+    """Fraction of ``natural`` at each quantile: the brightest are nearly white, or reflections.
+    With 0.75, 0.35, 0 FLSea's white targets are better by 0.2 degrees, and synthetic reefs, whose
+    brightest material is warm sand, worse by 0.4.
     """
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
     """Standard deviation from warm to cool: dark objects have any color, bright ones are closer to

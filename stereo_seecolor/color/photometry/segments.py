@@ -47,8 +47,8 @@ class SegmentSettings:
     a cut is known to a 32nd.
     """
     worse: float = 25.0
-    """Largest cost that a shared water adds. Halves of one dive add up to 24 (4 on a real reef),
-    two sites 26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive).
+    """Largest cost that a shared water adds. Parts of one dive add up to 6 (the sample dive, a real
+    reef); groups of four frames of these two sites mostly 32, at least 5.
     """
     bad: float = 50.0
     """Cost under a shared water above which frames do not share it, for any cost of their own
@@ -222,8 +222,11 @@ def _evidence(
     ]
     found: list[_Evidence | None] = [None] * len(parts)
     if known:
-        fits = robust.fit_all([seen for _, _, seen in known], config, enough=ENOUGH)
-        for (i, table, seen), water, own in zip(known, *fits, strict=True):
+        several = [seen for _, _, seen in known]
+        waters, _ = robust.fit_all(several, config, enough=ENOUGH)
+        # not the costs of these fits, which contain how likely the water is
+        costs = quality(several, config.robust, waters)
+        for (i, table, seen), water, own in zip(known, waters, costs, strict=True):
             found[i] = _Evidence(table, seen, water, float(own))
     return found
 
