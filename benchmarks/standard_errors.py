@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.extras.reef.colony import Colony, measure_outlines
-from stereo_seecolor.extras.reef.compare import compare
+from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compare_sites
 from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.ground_volume import RIM_CELLS
 from stereo_seecolor.extras.reef.lengths_and_areas import (
@@ -444,11 +444,11 @@ def changes(folder: Path, seed: int) -> Scores:
     """Between the even pairs and the odd ones: patches where nothing changed, in standard errors;
     and each bump of a changed reef, with its tails.
     """
-    change = compare(folder / f"even_{seed}", folder / f"odd_{seed}").change
+    change = changed(folder, f"even_{seed}", f"odd_{seed}")
     patches = [each for each in change.patches if each.kind in ("growth", "loss")]
     z: Scores = {"change where none is": [each.volume_l / each.volume_std_l for each in patches]}
     z["change of a bump"] = []
-    change = compare(folder / f"even_{seed}", folder / f"bumps_{seed}").change
+    change = changed(folder, f"even_{seed}", f"bumps_{seed}")
     scene, grid = Scene.from_spec(spec_of(seed)), change.before.grid
     offset_m = open_posed_run(folder / f"even_{seed}").offset_m
     before_m, after_m = (
@@ -471,6 +471,12 @@ def changes(folder: Path, seed: int) -> Scores:
             true_l = 1000 * grid.cell_m**2 * true_m[near].sum()
             add(z, "change of a bump", volume_l, float(true_l), float(std_l))
     return z
+
+
+def changed(folder: Path, first: str, second: str) -> SiteChange:
+    """Between two runs, whose calibration is exact."""
+    a, b = open_site(folder / first), open_site(folder / second)
+    return compare_sites(a, b, a.posed.map.cell_m["dem_m"], 0.0)
 
 
 def bumps(seed: int) -> list[Change]:

@@ -200,8 +200,9 @@ class RowCheck:
 
     @property
     def _left(self) -> Motion:
-        """What the motion shows where the best cause is undone."""
-        return self.causes.motion if self.causes.motion.couples else self.motion
+        """What the motion shows, with the cause undone that explains all."""
+        causes = self.causes
+        return causes.motion if causes.explains and causes.motion.couples else self.motion
 
     @property
     def _between(self) -> str:

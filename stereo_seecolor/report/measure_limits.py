@@ -21,6 +21,10 @@ class MeasureLimits:
     # the part of an area by errors of slopes, which is taken off it, is known to this
     of_slopes: float = 0.15
     of_step: float = 0.16  # of the steps along a line, in its standard error
+    # errors across a line, or along an area's normal, count squared over twice its size: where they
+    # are k standard errors, they change it by k^2 / 2 variances; so large is k at most, by which
+    # the program's errors are tested
+    of_squares: float = 5 / 2
     click_std_px: float = 0.5  # how well a person hits a point
     # of a length, relative, where nothing else is known: what docs/calibration.md calls good
     calibration_std: float = 0.005

@@ -19,6 +19,7 @@ from stereo_seecolor.config.file import flat
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.mapping.raster.structure import EDGES_M, StructureAtScale
 from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.squares import FILE, Squares, squares_of
 from stereo_seecolor.report.terrain_roughness import TerrainRoughness, terrain_roughness
@@ -140,7 +141,12 @@ class DiveFacts(RowFacts):
         if path is None or not path.is_file() or self.roughness is None:
             return None
         try:
-            return squares_of(path.read_bytes(), self.roughness.scale_m, self.roughness.squares)
+            return squares_of(
+                path.read_bytes(),
+                self.roughness.scale_m,
+                self.roughness.squares,
+                calibration_std(self.run).total,
+            )
         except (OSError, ValueError, KeyError, IndexError) as error:
             raise InputError(
                 f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"

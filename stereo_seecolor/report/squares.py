@@ -22,6 +22,8 @@ Place = tuple[int, int]
 """Row and column of a square."""
 Window = tuple[slice, slice]
 FILE = "reef_metrics.csv"
+HEIGHT_RANGE = "height_range_m"
+"""The metric that is a length, and has the error of the calibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,10 @@ class Squares:
 
 
 def squares_of(
-    table: bytes, scale_m: float, without_noise: Mapping[Place, tuple[Array, Array]]
+    table: bytes,
+    scale_m: float,
+    without_noise: Mapping[Place, tuple[Array, Array]],
+    calibration: float,
 ) -> Squares:
     """The metrics of the squares of a map.
 
@@ -50,6 +55,7 @@ def squares_of(
         table: content of reef_metrics.csv, the metrics as mapped.
         scale_m: edge of the cells that heights are averaged over.
         without_noise: of squares, their ROUGHNESS (4,) and its standard errors (4,).
+        calibration: its standard error of a length, relative.
 
     Raises:
         ValueError, KeyError: the table is damaged.
@@ -67,6 +73,8 @@ def squares_of(
         of_row, of_column = map(int, row["square"].split("-"))
         if (found := without_noise.get((of_row, of_column))) is not None:
             values[number, [2 + each for each in chosen]], std[number, chosen] = found
+    length = names.index(HEIGHT_RANGE)
+    std[:, length] = np.hypot(std[:, length], calibration * values[:, 2 + length])
     return Squares(scale_m, names, values, std)
 
 

@@ -5,11 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn_rigs import Fault, affine, both, drawn_dive, rig, shutters, turned
+from drawn_rigs import DrawnDive, Fault, affine, both, drawn_dive, rig, shutters, turned
 
 from calibration import StereoRig
+from calibration.checks import RowCheck, judge_matches
 from calibration.port import flat_port
+from calibration.rectification import plan_rectification
 from calibration.verification.causes import Causes, Explanation, find_causes
+from calibration.verification.motion import Motion, motion_of
 
 YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
 ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"
@@ -23,6 +26,14 @@ def bent(side: str, more: float) -> StereoRig:
     return replace(
         rig(), **{side: replace(lens, distortion=lens.distortion + np.array([more, 0, 0, 0, 0]))}
     )
+
+
+def with_distortions(times: float) -> StereoRig:
+    """The rig with lenses that bend so many times as much."""
+    left, right = (
+        replace(lens, distortion=times * lens.distortion) for lens in (rig().left, rig().right)
+    )
+    return replace(rig(), left=left, right=right)
 
 
 def in_air() -> StereoRig:
@@ -109,8 +120,20 @@ def test_a_fault_is_named_with_what_it_does_to_ranges(
         (both(1.4), None, CUT, r"enlarged 1\.(39|40|41) "),
         (None, in_air(), "flat port", r"index 1\.3[345] "),
         (None, bent("right", 0.05), "a lens of the right side", r"k1 by \+0\.0(49|5|51) "),
+        (None, with_distortions(0), "lenses that bend", r"bend -?0\.[01]\d \+- 0\.\d+ times"),
+        (None, with_distortions(-1), "lenses that bend", r"bend -(1|0\.9)[.\d]* \+- 0\.\d+ times"),
     ],
-    ids=["yaw .8", "yaw -2", "pitch", "one side cut out", "both cut out", "air", "one lens"],
+    ids=[
+        "yaw .8",
+        "yaw -2",
+        "pitch",
+        "one side cut out",
+        "both cut out",
+        "air",
+        "one lens",
+        "without distortion",
+        "other sign",
+    ],
 )
 def test_a_large_fault_is_named_with_its_size(
     fault: Fault | None, true: StereoRig | None, named: str, amount: str
@@ -120,7 +143,9 @@ def test_a_large_fault_is_named_with_its_size(
     found = find_causes(drawn.rig, drawn.matches, drawn.couples)
     assert found.best and named in found.best.text and found.is_wrong and found.explains
     assert re.search(amount, found.best.text)
-    assert len(found.best.causes) == 1 and not found.rivals
+    assert len(found.best.causes) == 1
+    for rival in found.rivals:  # another k1 for none at all
+        assert rival.range_error == pytest.approx(found.best.range_error, abs=found.best.range_std)
     assert found.best.range_error == pytest.approx(
         drawn.range_error, abs=3 * found.best.range_std + 0.01
     )
@@ -157,6 +182,52 @@ def test_faults_at_once_are_all_named(faults: list[Fault], named: set[str]) -> N
     ]
     assert any(all(name in text for name in named) for text in named_sets)
     assert found.explains and found.is_wrong
+
+
+def checked(drawn: DrawnDive) -> RowCheck:
+    """What ``check`` finds on a dive."""
+    motion = motion_of(drawn.couples, plan_rectification(drawn.rig).matching_pair)
+    causes = find_causes(drawn.rig, drawn.matches, drawn.couples)
+    return replace(judge_matches(drawn.rig, drawn.matches), motion=motion, causes=causes)
+
+
+def of_motion(range_error: float, range_std: float) -> RowCheck:
+    """Rows that agree, and a motion that no cause explains."""
+    motion = Motion(
+        couples=5,
+        points=900,
+        offset_px=8.0,
+        offset_std_px=3.0,
+        range_error=range_error,
+        range_std=range_std,
+        at_m=1.9,
+        pixel_error=0.007,
+        disparity_px=80.0,
+    )
+    causes = Causes(Explanation("", (), 32.0), numbers=11, motion=motion)
+    return RowCheck(12, 4000, 0.13, 0.0, 1.0, 0.0, 0.12, 0.0, "", motion, causes, disparity_px=80.0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_ranges_that_the_motion_contradicts_are_wrong_without_a_clear_cause(sign: int) -> None:
+    """By two to three standard errors: no cause is sure, and ranges are wrong all the same."""
+    found = of_motion(sign * 0.11, 0.046)
+    assert found.ranges_are_wrong and not found.acceptable
+    assert found.measured and found.measured.is_sure
+    (line,) = found.advice
+    assert f"ranges may be wrong by {sign * 11:+d}%" in line
+    assert "\n".join(found.lines()).count("motion between") == 1
+    within = of_motion(sign * 0.08, 0.046)
+    assert within.acceptable and within.measured and not within.advice
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("x_px", [0.0, 2.0, -2.0])
+def test_an_error_that_the_motion_cannot_tell_is_in_what_it_measured(x_px: float) -> None:
+    drawn = drawn_dive(affine(x_px=x_px))
+    found = checked(drawn)
+    assert found.acceptable and found.measured and not found.measured.is_sure
+    assert abs(drawn.range_error) < 2 * found.measured.rms
 
 
 @pytest.mark.slow

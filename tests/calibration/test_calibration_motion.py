@@ -112,6 +112,13 @@ def test_points_without_motion_or_on_a_line_tell_nothing() -> None:
         assert not motion_of(couples, GEOMETRY).is_found
 
 
+@pytest.mark.slow
+def test_a_couple_that_holds_no_motion_does_not_hide_the_others() -> None:
+    couples = dive(6.0)
+    line = SeenTwice(couples[0].first * [1, 0, 0] + [0, 0, 20], couples[0].second * [1, 0, 0])
+    assert motion_of([*couples[:4], line], GEOMETRY).couples == len(couples[:4]) + 1
+
+
 def test_images_without_texture_tell_nothing() -> None:
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
     flat = np.full(rectification.raw_size[::-1], 90, np.uint8)

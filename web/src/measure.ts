@@ -14,6 +14,7 @@ const OF_MISFIT = 0.4;
 const SLOPE_OF_MISFIT = 0.131;
 const OF_SLOPES = 0.15;
 const OF_STEP = 0.16;
+const OF_SQUARES = 5 / 2;
 const LEAST_STEP_PX = 8;
 const STEP_PX = 8;
 const STEP = 0.1;
@@ -145,12 +146,12 @@ export function rangeOf(picked: Pick): Measured {
   return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), power: 1 };
 }
 
-/** Variance of a line's length by errors across it, to second order. */
-function secondOrder(a: number[], b: number[], unit: Vector, length: number): number {
+/** Variance that errors (covariance) of a vector of a size add to that size where they lie across it, which count squared over twice the size: five standard errors of them make no more than five of what is added. */
+function squared(covariance: number[], unit: Vector, size: number): number {
   const across = outer(unit, unit).map((value, i) => (i % 4 ? 0 : 1) - value);
-  const spread = product(product(across, a.map((value, i) => value + b[i])), across);
-  const size = spread[0] + spread[4] + spread[8];
-  return size > 0 ? (0.5 * spread.reduce((sum, value) => sum + value ** 2, 0)) / Math.max(length ** 2, size) : 0;
+  const spread = product(product(across, covariance), across);
+  const most = Math.max(size ** 2, spread[0] + spread[4] + spread[8]);
+  return most > 0 ? (OF_SQUARES ** 2 * spread.reduce((sum, value) => sum + value ** 2, 0)) / most : 0;
 }
 
 /** Length of the straight lines through points. */
@@ -160,7 +161,8 @@ export function straightLength(picks: Placed[]): Measured {
   const units = steps.map((step, i) => (lengths[i] > 0 ? times(step, 1 / lengths[i]) : ([0, 0, 0] as Vector)));
   const none: Vector = [0, 0, 0];
   const variance = picks.reduce((sum, each, i) => sum + quadratic(each.covariance, minus(units[i] ?? none, units[i - 1] ?? none)), 0);
-  const across = steps.reduce((sum, _, i) => sum + secondOrder(picks[i].covariance, picks[i + 1].covariance, units[i], lengths[i]), 0);
+  const both = (i: number) => picks[i].covariance.map((value, k) => value + picks[i + 1].covariance[k]);
+  const across = steps.reduce((sum, _, i) => sum + squared(both(i), units[i], lengths[i]), 0);
   const value = lengths.reduce((a, b) => a + b, 0);
   return { value, std: Math.sqrt(variance + across), power: 1 };
 }
@@ -218,11 +220,14 @@ export function planarArea(picks: Placed[]): Measured {
   const value = norm(sum);
   if (value === 0) return { value: 0, std: NaN, power: 2 };
   const unit = times(sum, 1 / value);
-  const variance = picks.reduce(
-    (total, each, i) => total + quadratic(each.covariance, times(cross(minus(points[next(i)], points[before(i)]), unit), 0.5)),
-    0,
-  );
-  return { value, std: Math.sqrt(variance), power: 2 };
+  const axes: Vector[] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  const covariance = picks.reduce((total, each, i) => {
+    const chord = minus(points[next(i)], points[before(i)]);
+    const turned = axes.map((axis) => times(cross(chord, axis), 0.5)); // rows of by how much of the vector the corner's shift changes
+    const own = product(product(turned.flat(), each.covariance), axes.flatMap((_, k) => turned.map((row) => row[k])));
+    return total.map((value, k) => value + own[k]);
+  }, new Array<number>(9).fill(0));
+  return { value, std: Math.sqrt(quadratic(covariance, unit) + squared(covariance, unit, value)), power: 2 };
 }
 
 /** Area of the surface inside the outline of points, and the fraction of it that is known. */

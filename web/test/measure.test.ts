@@ -11,6 +11,7 @@ const GEOMETRY: Geometry = { focal_px: 200, cx_left_px: 80, cx_right_px: 80, cy_
 const STD_M = 0.004;
 
 /** A point that is known equally well in all directions. */
+const ACROSS = 2.5 * Math.SQRT2; // five standard errors in each of two directions, squared over twice the length, in fifths
 const at = (point_m: Vector, std_m = 0): Placed => ({ point_m, covariance: [1, 0, 0, 0, 1, 0, 0, 0, 1].map((value) => value * std_m ** 2) });
 
 /** Ranges of a surface of this depth at a pixel, meters. */
@@ -55,12 +56,12 @@ test("an outline that crosses itself is told from one that is only bent", () => 
 test("a length and its standard error: of each end, and of a corner on the way by its angle", () => {
   const straight = straightLength([at([0, 0, 1], 0.01), at([3, 4, 1], 0.02)]);
   near(straight.value, 5);
-  near(straight.std, Math.hypot(0.01, 0.02, 0.0005 / 5)); // across the line to second order
+  near(straight.std, Math.hypot(0.01, 0.02, (ACROSS * 0.0005) / 5)); // across the line to second order
   const bent = straightLength([at([0, 0, 1]), at([1, 0, 1], 0.01), at([1, 1, 1])]);
   near(bent.value, 2);
-  near(bent.std, Math.SQRT2 * Math.hypot(0.01, 1e-4));
+  near(bent.std, Math.SQRT2 * Math.hypot(0.01, ACROSS * 1e-4));
   const middle = straightLength([at([0, 0, 1]), at([1, 0, 1], 0.01), at([2, 0, 1])]);
-  near(middle.std, Math.SQRT2 * 1e-4); // a point that moves along a straight line changes nothing
+  near(middle.std, Math.SQRT2 * ACROSS * 1e-4); // a point that moves along a straight line changes nothing
 });
 
 test("the calibration's error grows with the power of the length", () => {

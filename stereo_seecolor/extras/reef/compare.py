@@ -15,6 +15,8 @@ from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 SECOND_TRACK = "second_track.tum"
@@ -54,7 +56,8 @@ def compare(
             "--joint writes the track of the second dive: give --out, a new or empty folder"
         )
     a, b = open_site(first), open_site(second)
-    change = compare_sites(a, b, max(site.posed.map.cell_m["dem_m"] for site in (a, b)))
+    cell_m = max(site.posed.map.cell_m["dem_m"] for site in (a, b))
+    change = compare_sites(a, b, cell_m, calibration_std(open_run(first)).total)
     if folder is None:
         return Comparison(change, ())
     track = joint_track(a, b, change.registration, Threads(cores())) if joint else None

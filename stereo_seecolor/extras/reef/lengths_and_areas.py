@@ -54,13 +54,20 @@ def straight_length(picks: Sequence[PickedPoint]) -> Measured:
         float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True)
     )
     for a, b, unit, line_m in zip(picks[:-1], picks[1:], units, lengths, strict=True):
-        across = np.eye(3) - np.outer(unit, unit)
-        spread = across @ (a.covariance + b.covariance) @ across
-        size = float(np.trace(spread))
-        if size > 0:
-            variance += 0.5 * float((spread**2).sum()) / max(line_m**2, size)
+        variance += _squared(a.covariance + b.covariance, unit, float(line_m))
     length_m = float(lengths.sum())
     return Measured(length_m, float(np.sqrt(variance)), 1)
+
+
+def _squared(covariance: Array, unit: Array, size: float) -> float:
+    """Variance that errors (covariance) of a vector of a size add to that size where they lie
+    across it, which count squared over twice the size: five standard errors of them make no more
+    than five of what is added.
+    """
+    across = np.eye(3) - np.outer(unit, unit)
+    spread = across @ covariance @ across
+    most = max(size**2, float(np.trace(spread)))
+    return LIMITS.of_squares**2 * float((spread**2).sum()) / most if most > 0 else 0.0
 
 
 def length_along(line: Sequence[PickedPoint]) -> Measured:
@@ -119,7 +126,7 @@ def profile(line: Sequence[PickedPoint], above: Array | None = None) -> tuple[Ar
 
 def planar_area(picks: Sequence[PickedPoint]) -> Measured:
     """Area of the polygon through points, seen along its mean normal (Newell's sum of cross
-    products).
+    products). Errors along the normal count to second order.
     """
     points = np.array([pick.point_m for pick in picks])
     center = points.mean(axis=0)
@@ -128,12 +135,15 @@ def planar_area(picks: Sequence[PickedPoint]) -> Measured:
     area_m2 = float(np.linalg.norm(vector))
     if area_m2 == 0:
         return Measured(0.0, float("nan"), 2)
-    pulls = 0.5 * np.cross(
-        np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), vector / area_m2
+    unit = vector / area_m2
+    chords = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    # (N, 3, 3) by how much of the vector each corner's shift changes
+    turns = 0.5 * np.cross(np.eye(3)[None], chords[:, None]).swapaxes(1, 2)
+    covariance = np.sum(
+        [turn @ pick.covariance @ turn.T for turn, pick in zip(turns, picks, strict=True)],
+        axis=0,
     )
-    variance = sum(
-        float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True)
-    )
+    variance = float(unit @ covariance @ unit) + _squared(covariance, unit, area_m2)
     return Measured(area_m2, float(np.sqrt(variance)), 2)
 
 

@@ -48,7 +48,7 @@ def metrics(
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
     errors = terrain_errors(site.posed, terrain)
     run = open_run(out)
-    range_std_m = typical_std_m(run)
+    range_std_m, calibration = typical_std_m(run), calibration_std(run).total
     measured = measure_outlines(
         outlines,
         mesh,
@@ -56,14 +56,17 @@ def metrics(
         errors,
         range_std_m,
         CLICK_PX * site.posed.map.cell_m["mosaic_m"],
-        calibration_std(run).total,
+        calibration,
         site.posed.correlation_m,
     )
     colonies = tuple(colony for colony in measured if colony is not None)
     seen = on_map(labelled, terrain.height_m, terrain.grid)
     seen_m2 = known_area_m2([terrain.height_m], terrain.grid.cell_m)
     result = SiteMetrics(
-        structure=tuple(structure(terrain, errors, mesh_m2=mesh.area_over)),
+        structure=tuple(
+            each.with_calibration(calibration)
+            for each in structure(terrain, errors, mesh_m2=mesh.area_over)
+        ),
         colonies=colonies,
         cover=tuple(cover(colonies, seen_m2)),
         unseen=tuple(

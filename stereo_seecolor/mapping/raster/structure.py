@@ -9,7 +9,7 @@ leveled: a slope counts as height, as it does there.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,6 +198,14 @@ class StructureAtScale:
     standard_error: Numbers
     between_squares: Numbers
     mapped: Numbers
+
+    def with_calibration(self, std: float) -> "StructureAtScale":
+        """The same with the calibration's part in the one metric that is a length. std: of a
+        length, relative.
+        """
+        own = self.standard_error
+        of_range = float(np.hypot(own.height_range_m, std * self.mean.height_range_m))
+        return replace(self, standard_error=replace(own, height_range_m=of_range))
 
 
 @dataclass(frozen=True, eq=False)

@@ -277,6 +277,29 @@ def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
     )
 
 
+@pytest.mark.parametrize("stds", [1, 3, 5])
+def test_heights_that_count_squared_stay_within_their_standard_errors(stds: float) -> None:
+    """A corner of a level square, and an end of a level line, that lie too high."""
+    size_m, height_m = 0.3, 0.03
+    places = [(0.0, 0.0), (size_m, 0.0), (size_m, size_m), (0.0, size_m)]
+
+    def points(off_m: float) -> list[Spot]:
+        heights_m = (off_m, 0.0, 0.0, 0.0)
+        covariance = np.diag([0.0, 0.0, height_m**2])
+        return [
+            Spot(np.array([*place, z_m]), covariance, (0.0, 0.0))
+            for place, z_m in zip(places, heights_m, strict=True)
+        ]
+
+    for measure_of in (planar_area, lambda corners: straight_length(corners[:2])):
+        wrong, right = measure_of(points(stds * height_m)), measure_of(points(0.0))
+        assert 0 < wrong.value - right.value < 5 * right.std
+    # not far more: a square of which one corner is known worse than the others
+    one = [replace(each, covariance=(n == 0) * each.covariance) for n, each in enumerate(points(0))]
+    by_corner_m2 = planar_area(points(5 * height_m)).value - size_m**2
+    assert 5 * planar_area(one).std == pytest.approx(by_corner_m2, rel=0.1)
+
+
 @pytest.mark.parametrize("offset_cells", [-1, 0, 1, 2])
 def test_at_the_edge_of_a_coral_its_top_is_measured(offset_cells: int) -> None:
     heights_m = np.where(np.arange(120) < 60, -1.5, -2.0)[None, :] * np.ones((80, 1))

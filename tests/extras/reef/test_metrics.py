@@ -144,6 +144,22 @@ def test_what_smoothing_takes_from_ranges_and_slopes_is_put_back(dimension: floa
         assert before.vector_ruggedness < 0.9 * true.vector_ruggedness
 
 
+@pytest.mark.slow
+def test_a_height_range_has_the_error_of_the_calibration_and_ratios_have_none() -> None:
+    heights_m = 0.05 * np.random.default_rng(3).normal(size=(60, 60))
+    grid = Grid(0.0, 0.6, CELL_M, heights_m.shape)
+    terrain = Terrain(grid, heights_m, np.full((*heights_m.shape, 3), np.nan, np.float32))
+    nothing, views = np.full(grid.shape, 1e-4), np.ones(grid.shape, np.int32)
+    found = structure(terrain, TerrainErrors(nothing, nothing, views, CELL_M))[-1]
+    own, both = found.standard_error, found.with_calibration(0.05).standard_error
+    assert both.height_range_m == pytest.approx(
+        np.hypot(own.height_range_m, 0.05 * found.mean.height_range_m)
+    )
+    assert replace(both, height_range_m=0.0, mesh_rugosity=0.0) == replace(
+        own, height_range_m=0.0, mesh_rugosity=0.0
+    )
+
+
 def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:
     heights = np.zeros((8, 8))
     heights[:4, :4], heights[0, 0] = np.nan, 50.0

@@ -27,6 +27,8 @@ from stereo_seecolor.report.terrain_errors import terrain_errors
 
 LEAST_OVERLAP_CELLS = 2000
 """Errors are learned from stable ground: of fewer cells they are not known."""
+VOLUME = 3
+"""With this power of lengths volumes grow, and so their errors with the calibration's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +66,10 @@ class SiteChange:
         return float((np.abs(self.difference.dz_m) > self.difference.lod_m)[known].mean())
 
 
-def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
-    """Compare two surveys of a site. Raises ComparingError where they cannot be registered, or
-    hardly overlap; InputError if a run cannot be read.
+def compare_sites(a: Site, b: Site, cell_m: float, calibration: float) -> SiteChange:
+    """Compare two surveys of a site. calibration: its relative standard error of a's lengths, to
+    which b is scaled. Raises ComparingError where they cannot be registered, or hardly overlap;
+    InputError if a run cannot be read.
     """
     registration = register(a, b, cell_m)
     moved = b.mesh.moved(registration.T_a_b)
@@ -103,11 +106,19 @@ def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
         difference=found,
         color=color,
         surface=surface,
-        patches=patches,
+        patches=tuple(
+            replace(
+                patch,
+                volume_std_l=float(
+                    np.hypot(patch.volume_std_l, VOLUME * calibration * patch.volume_l)
+                ),
+            )
+            for patch in patches
+        ),
         masks=tuple(mask for _, mask in masks),
         labels=_labels(grid, masks),
-        growth_l=_total(patches, "growth"),
-        loss_l=_total(patches, "loss"),
+        growth_l=_total(patches, "growth", calibration),
+        loss_l=_total(patches, "loss", calibration),
     )
 
 
@@ -199,8 +210,13 @@ def _labels(grid: Grid, masks: list[tuple[Kind, Mask]]) -> NDArray[np.int32]:
     return labels
 
 
-def _total(patches: tuple[ChangedPatch, ...], kind: Kind) -> tuple[float, float]:
+def _total(
+    patches: tuple[ChangedPatch, ...], kind: Kind, calibration: float
+) -> tuple[float, float]:
+    """Liters of all patches of a kind, whose own errors are independent, and their standard error
+    with the calibration's, which they share.
+    """
     own = [patch for patch in patches if patch.kind == kind]
-    return sum(patch.volume_l for patch in own), float(
-        np.sqrt(sum(patch.volume_std_l**2 for patch in own))
-    )
+    total = sum(patch.volume_l for patch in own)
+    stds = [patch.volume_std_l for patch in own]
+    return total, float(np.linalg.norm([*stds, VOLUME * calibration * total]))
