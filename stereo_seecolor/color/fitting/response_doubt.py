@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import PerChannel, Water
@@ -29,6 +28,8 @@ def with_doubt_of_response(
     """
     if config.response_measured or config.method != "robust" or not table.pixels.any():
         return water
+    from stereo_seecolor.color.fitting import robust  # loads torch
+
     other = robust.fit(table, config.model_copy(update={"input_encoding": "linear"}), fitted)
     differences = {
         name: getattr(other, name) - getattr(fitted, name) for name in ("y", "w", "beta")
