@@ -146,12 +146,12 @@ export function rangeOf(picked: Pick): Measured {
   return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), power: 1 };
 }
 
-/** Variance that errors (covariance) of a vector of a size add to that size where they lie across it, which count squared over twice the size: five standard errors of them make no more than five of what is added. */
+/** Twice the variance that errors (covariance) of a vector of a size add to that size where they lie across it, which count squared over twice the size. Of the largest of several OF_SQUARES counts, with which five standard errors of it make no more than five of what is added: tails of a sum of many are short. */
 function squared(covariance: number[], unit: Vector, size: number): number {
   const across = outer(unit, unit).map((value, i) => (i % 4 ? 0 : 1) - value);
   const spread = product(product(across, covariance), across);
   const most = Math.max(size ** 2, spread[0] + spread[4] + spread[8]);
-  return most > 0 ? (OF_SQUARES ** 2 * spread.reduce((sum, value) => sum + value ** 2, 0)) / most : 0;
+  return most > 0 ? spread.reduce((sum, value) => sum + value ** 2, 0) / most : 0;
 }
 
 /** Length of the straight lines through points. */
@@ -162,7 +162,8 @@ export function straightLength(picks: Placed[]): Measured {
   const none: Vector = [0, 0, 0];
   const variance = picks.reduce((sum, each, i) => sum + quadratic(each.covariance, minus(units[i] ?? none, units[i - 1] ?? none)), 0);
   const both = (i: number) => picks[i].covariance.map((value, k) => value + picks[i + 1].covariance[k]);
-  const across = steps.reduce((sum, _, i) => sum + squared(both(i), units[i], lengths[i]), 0);
+  const squares = steps.map((_, i) => squared(both(i), units[i], lengths[i]));
+  const across = 0.5 * squares.reduce((sum, each) => sum + each, 0) + (OF_SQUARES ** 2 - 0.5) * Math.max(0, ...squares);
   const value = lengths.reduce((a, b) => a + b, 0);
   return { value, std: Math.sqrt(variance + across), power: 1 };
 }
@@ -227,7 +228,7 @@ export function planarArea(picks: Placed[]): Measured {
     const own = product(product(turned.flat(), each.covariance), axes.flatMap((_, k) => turned.map((row) => row[k])));
     return total.map((value, k) => value + own[k]);
   }, new Array<number>(9).fill(0));
-  return { value, std: Math.sqrt(quadratic(covariance, unit) + squared(covariance, unit, value)), power: 2 };
+  return { value, std: Math.sqrt(quadratic(covariance, unit) + OF_SQUARES ** 2 * squared(covariance, unit, value)), power: 2 };
 }
 
 /** Area of the surface inside the outline of points, and the fraction of it that is known. */

@@ -59,9 +59,9 @@ test("a length and its standard error: of each end, and of a corner on the way b
   near(straight.std, Math.hypot(0.01, 0.02, (ACROSS * 0.0005) / 5)); // across the line to second order
   const bent = straightLength([at([0, 0, 1]), at([1, 0, 1], 0.01), at([1, 1, 1])]);
   near(bent.value, 2);
-  near(bent.std, Math.SQRT2 * Math.hypot(0.01, ACROSS * 1e-4));
+  near(bent.std, Math.hypot(Math.SQRT2 * 0.01, 1e-4, ACROSS * 1e-4));
   const middle = straightLength([at([0, 0, 1]), at([1, 0, 1], 0.01), at([2, 0, 1])]);
-  near(middle.std, Math.SQRT2 * ACROSS * 1e-4); // a point that moves along a straight line changes nothing
+  near(middle.std, Math.hypot(1e-4, ACROSS * 1e-4)); // a point that moves along a straight line changes nothing
 });
 
 test("the calibration's error grows with the power of the length", () => {

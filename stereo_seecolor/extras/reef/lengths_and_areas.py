@@ -53,21 +53,25 @@ def straight_length(picks: Sequence[PickedPoint]) -> Measured:
     variance = sum(
         float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True)
     )
-    for a, b, unit, line_m in zip(picks[:-1], picks[1:], units, lengths, strict=True):
-        variance += _squared(a.covariance + b.covariance, unit, float(line_m))
+    squares = [
+        _squared(a.covariance + b.covariance, unit, float(line_m))
+        for a, b, unit, line_m in zip(picks[:-1], picks[1:], units, lengths, strict=True)
+    ]
+    variance += 0.5 * sum(squares) + (LIMITS.of_squares**2 - 0.5) * max(squares, default=0.0)
     length_m = float(lengths.sum())
     return Measured(length_m, float(np.sqrt(variance)), 1)
 
 
 def _squared(covariance: Array, unit: Array, size: float) -> float:
-    """Variance that errors (covariance) of a vector of a size add to that size where they lie
-    across it, which count squared over twice the size: five standard errors of them make no more
-    than five of what is added.
+    """Twice the variance that errors (covariance) of a vector of a size add to that size where they
+    lie across it, which count squared over twice the size. Of the largest of several ``of_squares``
+    counts, with which five standard errors of it make no more than five of what is added: tails of
+    a sum of many are short.
     """
     across = np.eye(3) - np.outer(unit, unit)
     spread = across @ covariance @ across
     most = max(size**2, float(np.trace(spread)))
-    return LIMITS.of_squares**2 * float((spread**2).sum()) / most if most > 0 else 0.0
+    return float((spread**2).sum()) / most if most > 0 else 0.0
 
 
 def length_along(line: Sequence[PickedPoint]) -> Measured:
@@ -143,7 +147,9 @@ def planar_area(picks: Sequence[PickedPoint]) -> Measured:
         [turn @ pick.covariance @ turn.T for turn, pick in zip(turns, picks, strict=True)],
         axis=0,
     )
-    variance = float(unit @ covariance @ unit) + _squared(covariance, unit, area_m2)
+    variance = float(unit @ covariance @ unit) + LIMITS.of_squares**2 * _squared(
+        covariance, unit, area_m2
+    )
     return Measured(area_m2, float(np.sqrt(variance)), 2)
 
 
