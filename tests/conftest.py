@@ -56,7 +56,7 @@ def keep_to_one_core() -> None:
     )
     if process and hasattr(os, "sched_setaffinity"):  # Linux alone
         cores = sorted(os.sched_getaffinity(0))
-        if int(processes) >= len(cores):
+        if int(processes) == len(cores):
             os.sched_setaffinity(0, {cores[int(process.removeprefix("gw")) % len(cores)]})
 
 

@@ -467,7 +467,7 @@ def test_standard_errors_are_marginal() -> None:
         "gamma_inf": [],
         "white": [],
     }
-    for _ in range(100):
+    for _ in range(150):
         seen, (far, near, beta, backscatter, white) = drawn_from_the_prior(
             rng, np.geomspace(1.0, 5.0, 12)
         )
