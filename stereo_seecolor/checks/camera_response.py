@@ -12,7 +12,7 @@ from PIL import Image as Pillow
 from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
 from stereo_seecolor.color.response.response import Response
-from stereo_seecolor.config import InputConfig, RunConfig, UnmeasuredColorConfig
+from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.image_marks import PNG_SIGNATURE
 from stereo_seecolor.inputs.headers import png_chunk
@@ -59,9 +59,10 @@ def settle_response(
     if has_right:
         files = [pair.right for pair in evenly_spaced(pairs, RIGHT_FRAMES)]
         right = _measured(files, _read(files, config.input))
-    color = config.color.model_copy(update=left.response.settings)
+    settings = left.response.settings
     if left.verdict == "undecided":
-        color = UnmeasuredColorConfig(**dict(color))
+        settings |= {"input_encoding": "unknown"}
+    color = config.color.model_copy(update=settings)
     notes = (*_notes(left, right), *_balanced(images))
     return config.model_copy(update={"color": color}), notes
 

@@ -13,7 +13,6 @@ from stereo_seecolor.config.color import (
     LampsConfig,
     PaperConfig,
     RobustConfig,
-    UnmeasuredColorConfig,
 )
 from stereo_seecolor.config.inputs import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
@@ -33,7 +32,6 @@ __all__ = [
     "PaperConfig",
     "RobustConfig",
     "RunConfig",
-    "UnmeasuredColorConfig",
 ]
 
 

@@ -128,21 +128,21 @@ class ColorConfig(StageConfig):
         "fixed: the exposure was constant during the survey. brightness: a gain for each "
         "frame, from its brightness at equal ranges.",
     )
-    input_encoding: Literal["auto", "srgb", "linear", "as-is"] = Field(
+    input_encoding: Literal["auto", "srgb", "linear", "as-is", "unknown"] = Field(
         default="auto",
         description="How images encode light. auto: measured from the noise of the images, "
-        "with the pedestal; srgb if that is not possible. srgb: encoded for a screen. "
+        "with the pedestal; unknown if that is not possible. srgb: encoded for a screen. "
         "linear: the values are linear light. as-is: the values are corrected without "
-        "decoding. The output is encoded as sRGB, except with as-is.",
+        "decoding. unknown: read as srgb; standard errors of the water cover linear light, too. "
+        "The output is encoded as sRGB, except with as-is.",
     )
-
-    response_measured: ClassVar[bool] = True
-    """False: how the images encode light was not measurable."""
 
     @property
     def encoding(self) -> Literal["srgb", "linear", "as-is"]:
-        """``input_encoding``; sRGB if it is auto and was not measured."""
-        return "srgb" if self.input_encoding == "auto" else self.input_encoding
+        """``input_encoding``; sRGB if it is unknown, or auto and not measured."""
+        if self.input_encoding == "auto" or self.input_encoding == "unknown":
+            return "srgb"
+        return self.input_encoding
 
     pedestal: Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)] = Field(
         default=(0.0, 0.0, 0.0),
@@ -171,11 +171,3 @@ class ColorConfig(StageConfig):
         "range of measured neighbors of the same color (mask 2; range/ does not change). "
         "black: black. raw: the uncorrected pixel.",
     )
-
-
-class UnmeasuredColorConfig(ColorConfig):
-    """The same for images whose noise does not show how they encode light; they are read as
-    sRGB.
-    """
-
-    response_measured: ClassVar[bool] = False

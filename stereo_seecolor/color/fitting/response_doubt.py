@@ -24,9 +24,9 @@ def with_doubt_of_response(
         config: Settings of the color stage.
 
     Returns:
-        The water; unchanged if the response was measured. Unknown errors (NaN) stay unknown.
+        The water; unchanged unless ``input_encoding`` is unknown. Errors that are NaN stay NaN.
     """
-    if config.response_measured or config.method != "robust" or not table.pixels.any():
+    if config.input_encoding != "unknown" or config.method != "robust" or not table.pixels.any():
         return water
     from stereo_seecolor.color.fitting import robust  # loads torch
 

@@ -106,5 +106,5 @@ def _table(response: Response, bit_depth: int) -> NDArray[Any]:
 
 def standard_config(config: ColorConfig) -> ColorConfig:
     """Return the settings of the color stage for images that ``Response.standard`` has encoded."""
-    encoding = "as-is" if config.input_encoding == "as-is" else "srgb"
+    encoding = config.input_encoding if config.input_encoding in ("as-is", "unknown") else "srgb"
     return config.model_copy(update={"input_encoding": encoding, "pedestal": NONE})
