@@ -53,8 +53,9 @@ LAMPS_FALL_OFF = 2.0
 takes part.
 """
 LEAST_RED_TO_GREEN = 0.8
-"""Of attenuation: 0.95 and more in rendered waters; with inverse ranges, medians of 0.07 to
-0.70.
+"""Of attenuation: 1.26 and more in rendered waters of three kinds; with inverse ranges (60 / range)
+in clear water 0.69. Inverse ranges that look like meters (2 / range) have 0.85 to 1.5: the maps
+tell these themselves (``checks.range_maps``).
 """
 ALIKE = 0.25
 """Of the mean: channels whose attenuations differ by less may be those of a monochrome camera,
