@@ -39,12 +39,12 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
     """Measure all pairs of all dives, fit one water to them, and write it for each dive, scaled to
     each frame's exposure.
 
-    The fit uses the first dive's color settings. A dive that cannot be measured is named in the log
-    and left out.
+    The fit uses the color settings of the first dive that can be measured, with its response. A
+    dive that cannot be measured is named in the log and left out.
     Returns True if it was stopped. Raises ColorError where no frame of the site has a known range,
     OutputError.
     """
-    fitter = Corrector(dives[0].config.color.model_copy(update={"lock": "survey"})).survey_fitter()
+    fitter: Fitter | None = None
     names: dict[Path, list[str]] = {}
     for dive in dives:
         try:
@@ -52,6 +52,8 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
                 dive.inputs, dive.out, dive.config, options, "range", ("ranges", "waters")
             ) as run:
                 measure_ranges(run)
+                color = run.frames.source.corrector.config.model_copy(update={"lock": "survey"})
+                fitter = fitter or Corrector(color).survey_fitter()
                 for name, table in count_frames(run, None):
                     fitter.add(_key(dive.water, name), table)
         except (SeeColorError, CalibrationError) as error:
@@ -60,7 +62,7 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
         if run.summary.stopped:
             return True
         names[dive.water] = [row.name for row in run.summary.rows if row.status != "unpaired"]
-    if names:
+    if fitter and names:
         _write(fitter, names)
     return False
 

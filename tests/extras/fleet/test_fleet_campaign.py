@@ -53,8 +53,9 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["auto", "linear"])
 def test_dives_of_a_site_share_the_water_that_one_run_over_all_their_pairs_has(
-    make_dive, tmp_path
+    make_dive, tmp_path, encoding: str
 ) -> None:
     whole = make_dive(4)
     for number in range(4):
@@ -67,14 +68,15 @@ def test_dives_of_a_site_share_the_water_that_one_run_over_all_their_pairs_has(
         for name in "ab"
     ]
     gone = f"{{name: gone, site: reef, {SIDES.replace('dive/L', 'nowhere')}}}"
-    result = campaign(write(tmp_path / "campaign.yaml", *entries, gone))
+    more = f"settings: {{color.input_encoding: {encoding}}}\n"
+    result = campaign(write(tmp_path / "campaign.yaml", *entries, gone, more=more))
     assert [found.state for found in result.dives] == ["done", "done", "failed"]
     run(
         whole.root / "L",
         whole.root / "R",
         whole.root / "cam.yaml",
         tmp_path / "whole",
-        load_config(None, ["color.lock=survey"]),
+        load_config(None, ["color.lock=survey", f"color.input_encoding={encoding}"]),
     )
     expected = json.loads((tmp_path / "whole/water.json").read_bytes())["water"]
     for name in "ab":
