@@ -8,12 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from stereo_seecolor.config.color import (
-    ColorConfig,
-    LampsConfig,
-    PaperConfig,
-    RobustConfig,
-)
+from stereo_seecolor.config.color import ColorConfig, LampsConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.inputs import InputConfig
 from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
 from stereo_seecolor.config.matching import MatchingConfig
