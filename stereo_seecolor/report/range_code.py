@@ -35,8 +35,6 @@ DIGITS = np.frombuffer(
     np.uint8,
 )
 """Of base85, by their value (RFC 1924)."""
-STRIP = 64 * RANGE_CODE.std_block_px
-"""Rows whose blocks are sorted together, while they are in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,45 +121,15 @@ def std_blocks(range_std_m: Map) -> Map:
     """The median of the known values of each block of 4x4 pixels (the lower of two middle ones);
     NaN where there is none.
     """
-    strips = range(0, len(range_std_m), STRIP)
-    return np.concatenate([_medians(range_std_m[first : first + STRIP]) for first in strips])
-
-
-def _medians(range_std_m: Map) -> Map:
     step = RANGE_CODE.std_block_px
     height, width = range_std_m.shape
     rows, columns = -(-height // step), -(-width // step)
-    padded = np.full((rows * step, columns * step), np.inf, np.float32)
-    padded[:height, :width] = np.where(np.isfinite(range_std_m), range_std_m, np.float32(np.inf))
-    blocks = np.ascontiguousarray(
-        padded.reshape(rows, step, columns, step).transpose(1, 3, 0, 2)
-    ).reshape(step**2, rows, columns)
-    count = np.isfinite(blocks).sum(axis=0)
-    _sort_planes(blocks)
-    medians = np.take_along_axis(blocks, np.maximum((count - 1) // 2, 0)[None], axis=0)[0]
-    return np.where(count > 0, medians, np.float32(np.nan))
-
-
-def _sort_planes(planes: NDArray[np.float32]) -> None:
-    """Sort (2^n, H, W) along its first axis: Batcher's merge exchange (Knuth, Sorting and
-    Searching, 5.2.2, algorithm M).
-
-    Whole planes are compared at a time, which takes a fifth of numpy's sort of many short lists.
-    """
-    count = len(planes)
-    part = count // 2
-    while part > 0:
-        width, offset, least = count // 2, part, 0
-        while True:
-            for low in range(count - offset):
-                if low & part == least:
-                    a, b = planes[low].copy(), planes[low + offset]
-                    np.minimum(a, b, out=planes[low])
-                    np.maximum(a, b, out=b)
-            if width == part:
-                break
-            offset, width, least = width - part, width // 2, part
-        part //= 2
+    padded = np.full((rows * step, columns * step), np.nan, np.float32)
+    padded[:height, :width] = np.where(np.isfinite(range_std_m), range_std_m, np.float32(np.nan))
+    blocks = padded.reshape(rows, step, columns, step).swapaxes(1, 2).reshape(rows, columns, -1)
+    blocks = np.sort(blocks, axis=-1)  # NaN last
+    middle = np.maximum((np.isfinite(blocks).sum(axis=-1) - 1) // 2, 0)
+    return np.take_along_axis(blocks, middle[..., None], axis=-1)[..., 0]
 
 
 def deflated(values: NDArray[Any] | bytes, repeats: bool = False) -> bytes:
