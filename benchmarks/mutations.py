@@ -113,7 +113,7 @@ BREAKS = (
     ),
     Break(
         "causes of wrong rows: rivals that make ranges wrong ignored",
-        "calibration/verification/causes.py",
+        "calibration/verification/explanations.py",
         "return [one for one in self._all if one.is_wrong]",
         "return [one for one in (self.best,) if one and one.is_wrong]",
         "calibration/test_calibration_causes.py",

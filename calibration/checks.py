@@ -15,7 +15,8 @@ from calibration.rectification import (
     raw_points,
 )
 from calibration.rig import StereoRig
-from calibration.verification.causes import NOT_TESTED, find_causes
+from calibration.verification.causes import find_causes
+from calibration.verification.explanations import NOT_TESTED
 from calibration.verification.matches import Matches, find_matches
 from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import explain, row_inliers

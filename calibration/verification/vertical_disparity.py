@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from calibration.errors import counted
 from calibration.rig_errors import RangeError
-from calibration.verification.causes import NOT_TESTED, Causes
+from calibration.verification.explanations import NOT_TESTED, Causes
 from calibration.verification.motion import NO_MOTION, Motion
 from calibration.verification.table import CUT_OUT, GIVE_RECTIFIED, IN_AIR, MOVED, OTHER, RECTIFIED
 

@@ -11,7 +11,8 @@ from calibration import StereoRig
 from calibration.checks import RowCheck, judge_matches
 from calibration.port import flat_port
 from calibration.rectification import plan_rectification
-from calibration.verification.causes import Causes, Explanation, find_causes
+from calibration.verification.causes import find_causes
+from calibration.verification.explanations import Causes, Explanation
 from calibration.verification.motion import Motion, motion_of
 
 YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
