@@ -280,13 +280,12 @@ def _folder() -> Path | None:
     """The folder for this installation's machine code, in NUMBA_CACHE_DIR or the user's cache
     folder; None if neither serves.
     """
-    named, user = (
-        os.environ.get("NUMBA_CACHE_DIR"),
-        user_cache_path("stereo-seecolor", appauthor=False),
-    )
+    named = os.environ.get("NUMBA_CACHE_DIR")
     places = [Path(named).absolute() / f"stereo-seecolor-{_user()}"] if named else []
+    with contextlib.suppress(RuntimeError):  # this user has no home folder
+        places.append(user_cache_path("stereo-seecolor", appauthor=False) / "kernels")
     installation = hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
-    for place in [*places, user / "kernels"]:
+    for place in places:
         folder = place / installation
         if place.is_absolute() and _private(place) and _make(folder):
             return folder
