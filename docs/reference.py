@@ -40,16 +40,16 @@ stereo-seecolor run --left left --right right --calib cam.yaml --out out
 
 ![The commands with their inputs and outputs](images/flow.svg)
 
-The examples on this page run in the folder of the sample dive, in this order. `stereo-seecolor COMMAND --help` prints the same
-options. `stereo-seecolor --install-completion` installs Tab completion for bash, zsh, fish and PowerShell.
+The examples run in the folder of the sample dive, in this order. `stereo-seecolor COMMAND --help` prints the same
+options; `stereo-seecolor --install-completion` installs Tab completion.
 
 | for | commands |
-| --- | --- |
+|---|---|
 """  # noqa: E501
 
 EXIT_CODES = """
 | exit code | meaning |
-| --- | --- |
+|---|---|
 | 0 | success |
 | 1 | a known error; one line says what is wrong, where, and what to do |
 | 2 | wrong usage |
@@ -57,14 +57,14 @@ EXIT_CODES = """
 | 130 | interrupted |
 """  # noqa: E501
 
-COMMON_COMMANDS = 4
+COMMON_COMMANDS = 3
 """Options that this many commands share are described once."""
 COMMON_HEAD = """
 ## Options of several commands
 
-Several commands share these options; *Also* at the end of a command lists those that it has.
+*Also* at the end of a command lists those of these options that it has.
 """
-OPTIONS_HEAD = "| option | value | default | what it does |\n| --- | --- | --- | --- |"
+OPTIONS_HEAD = "| option | value | default | what it does |\n|---|---|---|---|"
 
 CONFIGURATION_HEAD = """# Configuration
 
@@ -86,12 +86,13 @@ matching:
 ```
 
 `run` writes all settings to `OUT/run.json`; `--config OUT/run.json` repeats the run. An unknown setting is
-an error that suggests the most similar known one. A value out of range is an error, too.
+an error that suggests the most similar known one; for a setting of an earlier version it names the new one
+([upgrading](upgrading.md)).
 
 ## Settings used most
 
 | setting | when to change it |
-| --- | --- |
+|---|---|
 | `matching.min_range_m`, `matching.max_range_m` | set the nearest and farthest range of the dive: faster, and fewer wrong matches |
 | `color.lock` | `survey` for the same water parameters in all frames of a dive at one site; `frame` for unrelated frames |
 | `color.unknown_pixels` | `black` or `raw` if colors must not depend on the ranges of neighbors |
@@ -105,14 +106,9 @@ an error that suggests the most similar known one. A value out of range is an er
 `color.method` selects how the water is fitted. Each method has its own section of settings; other methods ignore it.
 
 | `color.method` | fit | settings |
-| --- | --- | --- |
+|---|---|---|
 | `robust` (default) | physics with a white point, from quantiles of color over range | `color.robust` |
 | `paper` | DeepSeeColor as published: [its two networks, trained by Adam](lab/theory.md#the-papers-training) | `color.paper` |
-
-A key of an earlier version is an error that names the new key: `color.objective` and `color.solver` are now `color.method`
-(`objective=paper` and `method=paper-adam` are `method=paper`); `color.paper_adam` is `color.paper`;
-`color.white_point` is in `color.robust`; `color.clipped_fraction` (`clipped_share`) is gone: `color.median_luminance` sets the brightness
-of frames.
 
 ## All stages
 
@@ -120,7 +116,7 @@ of frames.
 
 
 def commands_page() -> str:
-    """All commands: usage, examples, options."""
+    """All commands: examples, options."""
     declared = every_command()
     group = typer.main.get_command(program(declared))
     panels: dict[str, list[str]] = {}
@@ -131,7 +127,7 @@ def commands_page() -> str:
         option_row(parameter)
         for command in commands.values()
         for parameter in options_of(command)
-        if not parameter.required
+        if not is_argument(parameter)
     )
     common = [row for row, count in times.items() if count >= COMMON_COMMANDS]
     sections = (command_section(name, command, common) for name, command in commands.items())
@@ -154,11 +150,7 @@ def options_of(command: Any) -> list[Any]:
 
 def command_section(name: str, command: Any, common: list[str]) -> str:
     shown = options_of(command)
-    needed = [usage_of(p) for p in shown if p.required]
-    usage = " ".join(
-        ["stereo-seecolor", name, *needed, *(["[OPTIONS]"] if len(needed) < len(shown) else [])]
-    )
-    lines = ["", f"## `{name}`", "", paragraph(command.help or ""), "", "```text", usage, "```", ""]
+    lines = ["", f"## `{name}`", "", paragraph(command.help or ""), ""]
     if name in EXAMPLES:
         lines += ["```sh", *EXAMPLES[name], "```", ""]
     own = [row for row in map(option_row, shown) if row not in common]
@@ -168,17 +160,14 @@ def command_section(name: str, command: Any, common: list[str]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def usage_of(parameter: Any) -> str:
-    metavar = parameter.metavar or parameter.name.upper()
-    return metavar if is_argument(parameter) else f"{parameter.opts[0]} {metavar}"
-
-
 def is_argument(parameter: Any) -> bool:
     return not str(parameter.opts[0]).startswith("-")
 
 
 def option_row(parameter: Any) -> str:
-    name = usage_of(parameter) if is_argument(parameter) else ", ".join(parameter.opts)
+    name = ", ".join(parameter.opts)
+    if is_argument(parameter):
+        name = parameter.metavar or parameter.name.upper()
     annotation = parameter.type_descriptor.annotation
     value = "" if getattr(parameter, "is_flag", False) else kind(annotation)
     return f"| `{name}` | {value} | {default_of(parameter)} | {cell(parameter.help or '')} |"
@@ -203,7 +192,7 @@ def section_lines(model: BaseModel, prefix: str = "") -> Iterator[str]:
     fields = {key: (getattr(model, key), field) for key, field in type(model).model_fields.items()}
     own = {key: each for key, each in fields.items() if not isinstance(each[0], BaseModel)}
     if own:
-        yield from ("| setting | values | default | what it does |", "| --- | --- | --- | --- |")
+        yield from ("| setting | values | default | what it does |", "|---|---|---|---|")
         yield from (setting_row(prefix + key, *each) for key, each in own.items())
     for key in (each for each in fields if each not in own):
         value = fields[key][0]

@@ -61,7 +61,7 @@ def run(
     report: Report,
 ) -> None:
     """Compute range maps, true-color images and colored clouds from stereo pairs; optionally also a
-    a map.
+    map.
     """
     check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
