@@ -49,8 +49,8 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.extras.synthetic.synthesize import synthesize
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.block_raster import Grid
+from stereo_seecolor.mapping.raster.height_errors import height_stds
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import height_stds
 from stereo_seecolor.mapping.raster.structure import (
     EDGES_M,
     Numbers,

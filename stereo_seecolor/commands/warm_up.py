@@ -17,8 +17,8 @@ from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.files.decode import quickly_decoded
 from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.files.png_decoding import quickly_decoded
 from stereo_seecolor.matching.sgm.search import is_first_run
 from stereo_seecolor.records import FrameRow, Water
 

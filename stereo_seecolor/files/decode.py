@@ -1,11 +1,8 @@
-"""Decoding of the program's own image files to arrays: of 8-bit PNG (png.py) in half the time that
-OpenCV takes.
-"""
+"""Reading of the program's own image files as arrays; what their headers claim is checked first."""
 
 import struct
 import sys
 import zlib
-from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -14,11 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.deflate import inflated
 from stereo_seecolor.files.image_marks import PNG_SIGNATURE
-from stereo_seecolor.files.png import AVERAGE, GRAY, PNG_RGB
+from stereo_seecolor.files.png_decoding import png_chunks, quickly_decoded
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.files.tiff import BLACK_IS_ZERO, DEFLATED, FLOAT, FLOATING_POINT, UNCOMPRESSED
 from stereo_seecolor.files.whole_files import read_bytes
@@ -27,129 +23,6 @@ COMPRESSION, PREDICTOR, WIDTH, HEIGHT, STRIP, STRIP_BYTES = 259, 317, 256, 257, 
 FLOAT_GRAY = {258: 32, 262: BLACK_IS_ZERO, 277: 1, 339: FLOAT}
 """Tag -> value: bits, what 0 means, values a pixel, and their kind."""
 SHORT = 3
-SUB, UP, PAETH = 1, 2, 4
-"""Filters of PNG that other programs use."""
-
-
-_compiled: list[bool] = []
-
-
-def is_compiled() -> bool:
-    """False while machine code to decode PNG could be kept on disk and is not there yet: before a
-    first run, OpenCV takes less.
-    """
-    if not _compiled and not _unfilter.missing:
-        _compiled.append(True)
-    return bool(_compiled)
-
-
-def quickly_decoded(content: bytes) -> NDArray[np.uint8] | None:
-    """Decode a PNG of 8 bits to (H, W), or (H, W, 3) RGB; None for a file of any other form, and
-    for one that is truncated or damaged.
-    """
-    try:
-        return _png(content) if content.startswith(PNG_SIGNATURE) else None
-    except (ValueError, KeyError, struct.error):
-        return None
-
-
-def has_exif(content: bytes) -> bool:
-    """Tell whether a PNG has a chunk of EXIF, by the headers of its chunks: a search through the
-    content takes ten times as long.
-    """
-    try:
-        return any(kind == b"eXIf" for kind, _, _ in _chunks(content))
-    except struct.error:  # cut short
-        return b"eXIf" in content
-
-
-def _chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
-    that is cut short.
-    """
-    at = len(PNG_SIGNATURE)
-    while at < len(content):
-        length, kind = struct.unpack_from(">I4s", content, at)
-        yield kind, at + 8, at + 8 + length
-        at += length + 12
-
-
-def _png(content: bytes) -> NDArray[np.uint8] | None:
-    """One of 8 bits, gray or RGB, not interlaced and not transparent."""
-    chunks: dict[bytes, list[bytes]] = {}
-    for kind, start, end in _chunks(content):
-        chunks.setdefault(kind, []).append(content[start:end])
-    width, height, bits, kind, _, _, interlaced = struct.unpack(">2I5B", chunks[b"IHDR"][0])
-    if (
-        bits != 8
-        or kind not in (GRAY, PNG_RGB)
-        or interlaced
-        or b"IEND" not in chunks
-        or b"tRNS" in chunks
-    ):
-        return None
-    channels = 1 if kind == GRAY else 3
-    row = width * channels + 1
-    rows = np.frombuffer(inflated(b"".join(chunks[b"IDAT"]), height * row), np.uint8).reshape(
-        height, row
-    )
-    if rows[:, 0].max() > PAETH:
-        return None
-    pixels = np.empty((height, width * channels), np.uint8)
-    _unfilter(rows, channels, pixels)
-    return pixels if channels == 1 else pixels.reshape(height, width, 3)
-
-
-def _tiff_tags(content: bytes) -> dict[int, int]:
-    """Those that hold one number."""
-    (at,) = struct.unpack_from("<I", content, 4)
-    (count,) = struct.unpack_from("<H", content, at)
-    entries = (struct.unpack_from("<HHII", content, at + 2 + 12 * i) for i in range(count))
-    return {
-        tag: value & 0xFFFF if kind == SHORT else value
-        for tag, kind, length, value in entries
-        if length == 1
-    }
-
-
-def _strip(content: bytes, tags: dict[int, int]) -> memoryview:
-    return memoryview(content)[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
-
-
-@compiled
-def _unfilter(rows, step, pixels):  # type: ignore[no-untyped-def]
-    """Undo the filters of PNG (its specification, 9.2): ``rows`` begin with the filter's number,
-    ``step`` bytes are a pixel.
-    """
-    height, width = pixels.shape
-    for row in range(height):
-        kind = rows[row, 0]
-        for i in range(width):
-            value = np.int32(rows[row, i + 1])
-            left = np.int32(pixels[row, i - step]) if i >= step else np.int32(0)
-            upper = np.int32(pixels[row - 1, i]) if row > 0 else np.int32(0)
-            if kind == AVERAGE:
-                value += (left + upper) >> 1
-            elif kind == SUB:
-                value += left
-            elif kind == UP:
-                value += upper
-            elif kind == PAETH:
-                corner = (
-                    np.int32(pixels[row - 1, i - step]) if row > 0 and i >= step else np.int32(0)
-                )
-                by_left, by_upper, by_corner = (
-                    abs(upper - corner),
-                    abs(left - corner),
-                    abs(left + upper - 2 * corner),
-                )
-                if by_left <= by_upper and by_left <= by_corner:
-                    value += left
-                else:
-                    value += upper if by_upper <= by_corner else corner
-            pixels[row, i] = value & 255
-
-
 JPEG_END = b"\xff\xd9"
 MOST_PER_BYTE = 10_000
 """Pixels; deflate makes a byte of 1032 at the most, each of 8 pixels."""
@@ -217,13 +90,29 @@ def _stored_size(content: bytes) -> tuple[int, int] | tuple[()]:
     return ()
 
 
+def _tiff_tags(content: bytes) -> dict[int, int]:
+    """Those that hold one number."""
+    (at,) = struct.unpack_from("<I", content, 4)
+    (count,) = struct.unpack_from("<H", content, at)
+    entries = (struct.unpack_from("<HHII", content, at + 2 + 12 * i) for i in range(count))
+    return {
+        tag: value & 0xFFFF if kind == SHORT else value
+        for tag, kind, length, value in entries
+        if length == 1
+    }
+
+
+def _strip(content: bytes, tags: dict[int, int]) -> memoryview:
+    return memoryview(content)[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
+
+
 def _is_whole(content: bytes) -> bool:
     """False for a PNG or a TIFF of the program's own with a damaged byte, or with more pixels
     than its bytes can hold: OpenCV decodes it to a picture that is partly black.
     """
     try:
         if content.startswith(PNG_SIGNATURE):
-            chunks = list(_chunks(content))
+            chunks = list(png_chunks(content))
             sums = (struct.unpack_from(">I", content, end)[0] for _, _, end in chunks)
             if any(
                 zlib.crc32(content[start - 4 : end]) != total

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.decode import has_exif, is_compiled, quickly_decoded
 from stereo_seecolor.files.image_marks import PNG_SIGNATURE
+from stereo_seecolor.files.png_decoding import has_exif, is_compiled, quickly_decoded
 from stereo_seecolor.inputs.headers import (
     TIFF_SIGNATURES,
     image_size,

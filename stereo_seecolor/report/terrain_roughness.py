@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.height_errors import SHAPE_REACH_CELLS
 from stereo_seecolor.mapping.raster.height_model import Terrain
-from stereo_seecolor.mapping.raster.noise import (
-    SHAPE_REACH_CELLS,
-    averaged,
-    blur_reach,
-    observed,
-)
+from stereo_seecolor.mapping.raster.noise import averaged, blur_reach, observed
 from stereo_seecolor.mapping.raster.structure import (
     SitePart,
     StructureAtScale,

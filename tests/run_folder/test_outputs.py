@@ -18,7 +18,7 @@ from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import deflate, png
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.decode import quickly_decoded, read_array
+from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import (
     encode_confidence,
     encode_image,
@@ -29,6 +29,7 @@ from stereo_seecolor.files.encode import (
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.files.png import _file, encode_png
+from stereo_seecolor.files.png_decoding import quickly_decoded
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.frame_table import FrameTable, RunSummary
 from stereo_seecolor.run_folder.frames_csv import frames_csv

@@ -14,14 +14,9 @@ from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
+from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, shape_stds
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import (
-    CORRECTION_SETTINGS,
-    OF_EXTREMES,
-    noise_bias,
-    shape_stds,
-    spread_of,
-)
+from stereo_seecolor.mapping.raster.noise import CORRECTION_SETTINGS, noise_bias, spread_of
 from stereo_seecolor.mapping.raster.sides import sides_seen
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     unseen_std,
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
-from stereo_seecolor.mapping.raster.noise import RELIEF_CELLS, height_stds, plane_sums
+from stereo_seecolor.mapping.raster.height_errors import RELIEF_CELLS, height_stds, plane_sums
 from stereo_seecolor.mapping.raster.sides import step_m
 from stereo_seecolor.records import Map
 

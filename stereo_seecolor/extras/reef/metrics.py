@@ -16,7 +16,7 @@ from stereo_seecolor.extras.reef.site_surface import open_site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder
-from stereo_seecolor.mapping.raster.noise import height_stds
+from stereo_seecolor.mapping.raster.height_errors import height_stds
 from stereo_seecolor.mapping.raster.structure import structure
 from stereo_seecolor.mapping.raster.terrain import known_area_m2
 from stereo_seecolor.report.calibration_std import calibration_std
