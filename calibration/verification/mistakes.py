@@ -13,7 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig
 from calibration.verification.matches import Images, Matches, similar_points
-from calibration.verification.table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
+from calibration.verification.mistake_table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
 from calibration.verification.vertical_disparity import RowCheck
 
 Array = NDArray[np.float64]

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from calibration.errors import counted
 from calibration.rig_errors import RangeError
 from calibration.verification.explanations import NOT_TESTED, Causes
+from calibration.verification.mistake_table import GIVE_RECTIFIED, RECTIFIED
 from calibration.verification.motion import NO_MOTION, Motion
-from calibration.verification.table import CUT_OUT, GIVE_RECTIFIED, IN_AIR, MOVED, OTHER, RECTIFIED
+from calibration.verification.table import CUT_OUT, IN_AIR, MOVED, OTHER
 
 
 @dataclass(frozen=True)

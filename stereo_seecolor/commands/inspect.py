@@ -41,8 +41,8 @@ from stereo_seecolor.inputs.listing import EXTENSIONS, unread_hint
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.patterns import folder_of, is_pattern
 from stereo_seecolor.inputs.sides import Sides, find_sides
-from stereo_seecolor.inputs.video_file import recorded_at
 from stereo_seecolor.inputs.video_frames import VideoFacts, is_video, size_of_side, video_facts
+from stereo_seecolor.inputs.video_streams import recorded_at
 from stereo_seecolor.records import Numbers
 
 SAMPLE_PAIRS = 6

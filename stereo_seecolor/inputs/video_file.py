@@ -1,13 +1,12 @@
 """A video's frames by their numbers: an index of their times, and each decoded from the keyframe
-before it; and the streams beside the colors: gray pictures, sound, time code. By PyAV (FFmpeg).
+before it.
 """
 
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -17,128 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.files.whole_files import special_kind
-from stereo_seecolor.inputs.decoding import MAX_PIXELS
-
-SOUND_RATE_HZ = 8000
-"""Enough for voices, clicks and motors; a sample is 0.1 ms."""
-
-
-def video_library() -> Any:
-    """PyAV. Raises DeviceError if it is missing."""
-    try:
-        import av
-    except ImportError as error:
-        raise DeviceError(
-            "videos need a library that is missing (av): pip install -c constraints.txt '.[video]'"
-        ) from error
-    return av
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if
-    PyAV is missing.
-    """
-    av = video_library()
-    try:
-        if kind := special_kind(path):
-            raise InputError(f"{path}: is {kind}, not a video")
-        with av.open(str(path), metadata_errors="ignore") as container:
-            yield container
-    except (av.FFmpegError, OSError) as error:
-        raise InputError(
-            f"{path}: is not a video that FFmpeg can read: {error.strerror or error}"
-        ) from error
-
-
-def video_stream(container: Any, path: Path) -> Any:
-    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims
-    to be too large.
-    """
-    stream = container.streams.best("video")  # not a cover picture
-    if stream is None:
-        raise InputError(f"{path}: holds no video frames")
-    if stream.codec_context is None:
-        raise InputError(f"{path}: FFmpeg does not know the codec of its frames")
-    if stream.width * stream.height > MAX_PIXELS:
-        raise InputError(f"{path}: claims pictures of {stream.width}x{stream.height} px: not read")
-    stream.thread_type = "AUTO"
-    return stream
-
-
-def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Each frame's time in seconds on the file's own clock, and the frame in gray, upright.
-
-    A damaged frame ends it. Raises InputError if there is none, DeviceError.
-    """
-    count = 0
-    with opened(path) as container:
-        for frame in decoded(container, video_stream(container, path)):
-            if frame.pts is None:
-                continue
-            yield float(frame.pts * frame.time_base), gray(frame)
-            count += 1
-    if not count:
-        raise InputError(f"{path}: holds no frame that can be decoded")
-
-
-def gray(frame: Any) -> NDArray[np.uint8]:
-    """Convert a decoded frame to gray, (H, W), turned as the file says that players are to
-    turn it.
-    """
-    return np.rot90(frame.to_ndarray(format="gray"), round(frame.rotation / 90))
-
-
-def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
-    """Read the time at which the sound begins on the file's own clock, seconds, and its samples at
-    SOUND_RATE_HZ; none where it is silent or absent.
-
-    Raises InputError, DeviceError.
-    """
-    with opened(path) as container:
-        if not container.streams.audio:
-            return 0.0, np.zeros(0, np.float32)
-        import av
-
-        resampler = av.AudioResampler(format="flt", layout="mono", rate=SOUND_RATE_HZ)
-        start_s, parts = None, []
-        for frame in decoded(container, container.streams.audio[0]):
-            if start_s is None and frame.pts is not None:
-                start_s = float(frame.pts * frame.time_base)
-            parts += [np.asarray(piece.to_ndarray()).ravel() for piece in resampler.resample(frame)]
-        return start_s or 0.0, np.concatenate(parts).astype(np.float32) if parts else np.zeros(
-            0, np.float32
-        )
-
-
-def recorded_at(path: Path) -> float | None:
-    """Read when a recording began by its camera's clock, seconds since 1970; None where the file
-    does not say.
-
-    Cameras that write their local time are taken to be at UTC. Raises InputError, DeviceError.
-    """
-    with opened(path) as container:
-        try:
-            return (
-                datetime.fromisoformat(container.metadata.get("creation_time", ""))
-                .replace(tzinfo=UTC)
-                .timestamp()
-            )
-        except ValueError:
-            return None
-
-
-def decoded(container: Any, stream: Any) -> Iterator[Any]:
-    """Frames up to the first that is damaged: what follows it would have times, but no pictures."""
-    import av
-
-    try:
-        yield from container.decode(stream)
-    except av.FFmpegError:
-        return
-
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.video_streams import decoded, opened, video_stream
 
 KEPT_BYTES = 1 << 26
 """Decoded frames that are kept of a video: threads ask for frames near each other, and for each

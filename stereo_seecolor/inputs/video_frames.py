@@ -13,7 +13,8 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.halves import SIDES, half_of
-from stereo_seecolor.inputs.video_file import gray, video_file
+from stereo_seecolor.inputs.video_file import video_file
+from stereo_seecolor.inputs.video_streams import gray
 
 EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
 

@@ -30,8 +30,9 @@ from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.exposure_table import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.video_file import sound, video_file
+from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_frames import frame_path
+from stereo_seecolor.inputs.video_streams import sound
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.layout import Stage, state

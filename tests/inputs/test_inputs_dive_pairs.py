@@ -9,7 +9,7 @@ import pytest
 from conftest import make_files
 from PIL import Image
 
-from calibration.verification.table import EXCHANGE
+from calibration.verification.mistake_table import EXCHANGE
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.live.sources import live_source

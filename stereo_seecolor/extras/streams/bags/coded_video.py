@@ -15,8 +15,9 @@ from stereo_seecolor.extras.streams.bags.coded_units import Coded, Units, codec_
 from stereo_seecolor.extras.streams.bags.messages import coding, decode
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.decoding import MAX_PIXELS
-from stereo_seecolor.inputs.video_file import KEPT_BYTES, NEAR_FRAMES, video_library
+from stereo_seecolor.inputs.video_file import KEPT_BYTES, NEAR_FRAMES
 from stereo_seecolor.inputs.video_frames import pixels
+from stereo_seecolor.inputs.video_streams import video_library
 
 REORDERED = 16
 """A picture is shown at most so many later than it is decoded (H.264, max_dec_frame_buffering)."""

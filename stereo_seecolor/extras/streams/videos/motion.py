@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.video_file import gray_frames
+from stereo_seecolor.inputs.video_streams import gray_frames
 
 WIDTH_PX = 192
 """Frames are compared at this width: 1 ms each, and shifts to some hundredths of a pixel."""

@@ -19,8 +19,9 @@ from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.halves import SIDES
 from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing
-from stereo_seecolor.inputs.video_file import recorded_at, video_file
+from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_frames import frame_path, size_of_side
+from stereo_seecolor.inputs.video_streams import recorded_at
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import video_pairs_file
 from stereo_seecolor.version import __version__

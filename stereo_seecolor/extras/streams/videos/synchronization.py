@@ -15,7 +15,7 @@ from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignal
 from stereo_seecolor.extras.streams.videos.row_lag import Pairs, row_lag
 from stereo_seecolor.extras.streams.videos.sound import sound_lag
 from stereo_seecolor.extras.streams.videos.time_code import time_code_lag
-from stereo_seecolor.inputs.video_file import sound
+from stereo_seecolor.inputs.video_streams import sound
 from stereo_seecolor.robust_statistics import deviation
 
 

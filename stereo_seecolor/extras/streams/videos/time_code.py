@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.extras.streams.videos.lags import LIMITS, Lag
-from stereo_seecolor.inputs.video_file import opened, video_stream
+from stereo_seecolor.inputs.video_streams import opened, video_stream
 
 DAY_S = 86_400.0
 _TEXT = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.,])(\d\d)")
