@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from stereo_seecolor.matching.confidence import BORDER_PX, WEIGHTS
-from stereo_seecolor.matching.confidence import CONTEXT_CONSTANTS as CONTEXT
+from stereo_seecolor.matching.context import CONTEXT_CONSTANTS as CONTEXT
 from stereo_seecolor.matching.fattening import FATTENING_CONSTANTS as FATTENING
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX
 from stereo_seecolor.matching.refine import CONSTANTS as REFINE

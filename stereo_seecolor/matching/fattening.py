@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.confidence import CONTEXT_CONSTANTS, Context
+from stereo_seecolor.matching.context import CONTEXT_CONSTANTS, Context
 from stereo_seecolor.matching.gray import Gray
 from stereo_seecolor.records import Map
 

@@ -9,13 +9,8 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
-from stereo_seecolor.matching.confidence import (
-    Context,
-    judge_rows,
-    least_odds,
-    surroundings,
-    weigh_rows,
-)
+from stereo_seecolor.matching.confidence import judge_rows, least_odds, surroundings, weigh_rows
+from stereo_seecolor.matching.context import Context
 from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
 from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, GrayPair

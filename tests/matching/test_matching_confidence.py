@@ -7,7 +7,7 @@ import pytest
 from matching_scenes import render
 
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.matching.confidence import CONTEXT_CONSTANTS, Context, enlarged
+from stereo_seecolor.matching.context import CONTEXT_CONSTANTS, Context, enlarged
 from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.matcher import Matcher
