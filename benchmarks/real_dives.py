@@ -57,7 +57,6 @@ DRAWS = 3
 Row = tuple[str, str, str]
 """What, on what it was measured, the number."""
 
-
 @dataclass(frozen=True)
 class Dive:
     """The reef dive as published, and where results lie."""
@@ -79,7 +78,6 @@ class Dive:
             self.data / "stereo_calib.mat",
         ]
         return ["run", *sides, "--out", out, *more]
-
 
 def the_dive(dive: Dive) -> Iterator[Row]:
     """One command, from the pairs to the map."""
@@ -106,7 +104,6 @@ def the_dive(dive: Dive) -> Iterator[Row]:
     )
     yield "fraction with a range, of the frame", "mean of 20 frames", f"{known[:, 1].mean():.1%}"
 
-
 def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
     found = run.rig.refinement
     if found is None:
@@ -123,7 +120,6 @@ def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
         f"{check.pairs} pairs that took no part",
         f"{check.row_error_px:.2f} px",
     )
-
 
 def _track(dive: Dive) -> Iterator[Row]:
     """The own track's positions against the survey's, which both are of the left camera's
@@ -147,7 +143,6 @@ def _track(dive: Dive) -> Iterator[Row]:
     )
     yield "own track: scale", against, f"{scale - 1:+.2%}"
 
-
 def _known_fractions(run: FinishedRun, frame: FinishedFrame) -> tuple[float, float]:
     """Of the pixels that both cameras see, by ranges carried over where none was measured; and of
     the frame.
@@ -164,7 +159,6 @@ def _known_fractions(run: FinishedRun, frame: FinishedFrame) -> tuple[float, flo
     both = (columns >= 0) & (columns <= pair.image_size[0] - 1)
     known = np.isfinite(np.rot90(range_m, -turns))
     return float(known[both].mean()), float(known.mean())
-
 
 def navigation(dive: Dive) -> Iterator[Row]:
     """The survey's poses as navigation: as they are, and disturbed; the map's rugosity must
@@ -187,18 +181,15 @@ def navigation(dive: Dive) -> Iterator[Row]:
     noise = "poses of the survey with 10 cm, 3 cm and 2 degrees of noise"
     yield noise, f"{DRAWS} random sets", changes
 
-
 def _rugosity(dive: Dive, times_s: np.ndarray, T: np.ndarray) -> float:
     poses = dive.work / "poses.tum"
     write_tum(poses, Trajectory(("",) * len(T), times_s, T))
     execute(TREE, "fuse", dive.out, "--poses", poses, "--set", "mapping.poses_of=raw")
     return _last_rugosity(dive)
 
-
 def _last_rugosity(dive: Dive) -> float:
     with (dive.out / "map" / "reef_metrics.csv").open(encoding="utf-8") as file:
         return float(next(csv.DictReader(file))["linear_rugosity"])
-
 
 def calibrations(data: Path) -> Iterator[Row]:
     """Every calibration, and its baseline."""
@@ -213,7 +204,6 @@ def calibrations(data: Path) -> Iterator[Row]:
             f"{expected_mm:g} mm stored",
             f"{along_mm:.2f} mm",
         )
-
 
 def malformed(data: Path, work: Path) -> Iterator[Row]:
     """Damaged copies of the binary files, each read in a process of its own."""
@@ -243,7 +233,6 @@ def malformed(data: Path, work: Path) -> Iterator[Row]:
     for said in wrong[:5]:
         print("not refused:", said, file=sys.stderr)
 
-
 def _damaged(seeds: list[Path], work: Path) -> Iterator[Path]:
     """Cut short, bytes changed, lengths made huge, blocks repeated or left out; the same on every
     run.
@@ -269,7 +258,6 @@ def _damaged(seeds: list[Path], work: Path) -> Iterator[Path]:
         path.write_bytes(bytes(content))
         yield path
 
-
 def _read_damaged(path: Path, size: tuple[int, int]) -> tuple[str, float, float, str]:
     """(read, refused or error; seconds; MiB that the process grew by; what was said)."""
     receiver, sender = os.pipe()
@@ -292,7 +280,6 @@ def _read_damaged(path: Path, size: tuple[int, int]) -> tuple[str, float, float,
         text or f"{path}: crashed",
     )
 
-
 def _read_one(path: Path, size: tuple[int, int]) -> str:
     try:
         load_rig(path, size)
@@ -306,12 +293,10 @@ def _read_one(path: Path, size: tuple[int, int]) -> str:
         return f"error:{path}: {type(error).__name__}: {error}"
     return "read:"
 
-
 def table(title: str, rows: list[Row]) -> str:
     """A heading and a table."""
     lines = [f"## {title}", "", "| what | measured on | result |", "| --- | --- | --- |"]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows), ""])
-
 
 INTRODUCTION = """# Real dives
 
@@ -323,11 +308,10 @@ python benchmarks/real_dives.py DATA
 
 *The map of the synthetic sample dive, since these dives may not be shown.*
 
-**Data.** Real, as published: a reef dive (20 consecutive pairs at 2 Hz, 1360x1024, a vertical pair with color on the left and monochrome on the right, strobe-lit, calibrated in water with MATLAB; Australian Centre for Field Robotics), and calibration files of four real underwater rigs. The images may not be shown. Track and poses are compared with the survey's own SLAM of the same images: a consistency check, not independent ground truth. Compare processor time between machines; elapsed time includes other work on the same cores.
+**Data.** Real, as published: a reef dive (20 consecutive pairs at 2 Hz, 1360x1024, a vertical pair with color on the left and monochrome on the right, strobe-lit, calibrated in water with MATLAB; Australian Centre for Field Robotics), and calibration files of four real underwater rigs. Track and poses are compared with the survey's own SLAM of the same images: a consistency check, not independent ground truth.
 """  # noqa: E501
 END = """`tests/mapping/test_real_navigation.py` tests on this dive that wrong axes, units, norths and clocks, and poses on wrong frames, are named, and that the published poses are not.
 """  # noqa: E501
-
 
 def page(data: Path, work: Path) -> str:
     """The page with all tables."""
@@ -341,7 +325,6 @@ def page(data: Path, work: Path) -> str:
         f"Python {platform.python_version()}, {platform.machine()}.\n",
     ]
     return "\n".join(parts)
-
 
 def main() -> None:
     """Measure all, and write the page."""
@@ -357,7 +340,6 @@ def main() -> None:
         work.mkdir(parents=True, exist_ok=True)
         words.out.write_text(page(words.data.resolve(), work), encoding="utf-8")
     print(words.out.read_text(encoding="utf-8"))
-
 
 if __name__ == "__main__":
     main()

@@ -64,7 +64,7 @@ COMMON_HEAD = """
 
 *Also* at the end of a command lists those of these options that it has.
 """
-OPTIONS_HEAD = "| option | value | default | what it does |\n|---|---|---|---|"
+OPTIONS_HEAD = "| option | value | what it does |\n|---|---|---|"
 
 CONFIGURATION_HEAD = """# Configuration
 
@@ -170,17 +170,18 @@ def option_row(parameter: Any) -> str:
         name = parameter.metavar or parameter.name.upper()
     annotation = parameter.type_descriptor.annotation
     value = "" if getattr(parameter, "is_flag", False) else kind(annotation)
-    return f"| `{name}` | {value} | {default_of(parameter)} | {cell(parameter.help or '')} |"
+    value = ", ".join(filter(None, (value, default_of(parameter))))
+    return f"| `{name}` | {value} | {cell(parameter.help or '')} |"
 
 
 def default_of(parameter: Any) -> str:
     if parameter.name == "workers":
-        return "one a core, at most 8"
+        return "default one per core, at most 8"
     if parameter.required:
-        return "(required)"
-    if parameter.default in (None, False, (), "") or callable(parameter.default):
+        return "required"
+    if isinstance(parameter.default, bool) or parameter.default in (None, (), ""):
         return ""
-    return f"`{parameter.default}`"
+    return "" if callable(parameter.default) else f"default `{parameter.default}`"
 
 
 def configuration_page() -> str:

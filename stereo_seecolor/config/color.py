@@ -22,8 +22,7 @@ class RobustConfig(StageConfig):
         description="The color of the light that arrives at the reef. scene: fitted with the "
         "water, for a reef with warm colors on average, like sand and rock. gray: the same, "
         "for colors that are gray on average. none: white, as in the paper's model. Or the "
-        "known R, G, B, for example from a white card, in linear light, each from 0.0001 to "
-        "10000; only their ratios count.",
+        "known R, G, B in linear light, for example from a white card; only their ratios count.",
     )
 
     daylight_depth_m: ClassVar[float | None] = None
@@ -99,11 +98,10 @@ class ColorConfig(StageConfig):
     paper: PaperConfig = PaperConfig()
     lock: Literal["auto", "frame", "survey"] | Annotated[int, Field(ge=1)] = Field(
         default="auto",
-        description="Which frames share water parameters. auto: all frames in the same "
-        "water; if the water changes (several sites, a change of depth), each segment of the "
-        "dive has its own. For correct, whose images may be unrelated, auto means frame. "
-        "frame: each frame has its own. survey: all frames share them. A number, for example "
-        "20: fitted to the last 20 frames; live uses 20 unless a number is set.",
+        description="Which frames share water parameters. auto: all frames, or each segment of the "
+        "dive if the water changes (several sites, a change of depth); for correct the same as "
+        "frame. frame: each frame has its own. survey: all frames. A number, for example 20: the "
+        "last 20 frames; live uses 20 unless a number is set.",
     )
 
     @property
@@ -132,9 +130,8 @@ class ColorConfig(StageConfig):
         default="auto",
         description="How images encode light. auto: measured from the noise of the images, "
         "with the pedestal; unknown if that is not possible. srgb: encoded for a screen. "
-        "linear: the values are linear light. as-is: the values are corrected without "
-        "decoding. unknown: read as srgb; standard errors of the water cover linear light, too. "
-        "The output is encoded as sRGB, except with as-is.",
+        "linear: linear light. as-is: corrected without decoding. unknown: read as srgb; standard "
+        "errors of the water cover linear light, too. The output is sRGB, except with as-is.",
     )
 
     @property

@@ -33,8 +33,7 @@ class InputConfig(StageConfig):
     channels: Literal["rgb", "bgr"] = Field(
         default="rgb",
         description="bgr: the files store the channels in the order blue, green, red, like OpenCV "
-        "arrays written by another library. A run names images that seem to be in this "
-        "order.",
+        "arrays written by another library.",
     )
     range_units_per_m: float | None = Field(
         default=None,
