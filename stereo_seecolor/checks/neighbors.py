@@ -1,33 +1,18 @@
-"""A check whether a pair's two images show the same scene, and if not, whether the left one fits
-the right one of a neighbor.
-"""
+"""A check whether the left image of a pair fits the right one of a neighbor: sides out of step."""
 
 import contextlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
-from calibration.verification.matches import (
-    MATCH_LIMITS,
-    QUICK,
-    Described,
-    MatchLimits,
-    describe_left,
-    describe_right,
-    find_matches,
-    match_described,
-    similar_points,
-)
-from calibration.verification.vertical_disparity import LIMITS as ROW_LIMITS
+from calibration.verification.matches import describe_left, describe_right
+from calibration.verification.same_scene import ENOUGH_POINTS, agreeing_points, is_same_picture
 from stereo_seecolor.checks.sample import consecutive_intervals, matching_threads, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.records import Image
 
 NOTED_MISFITS = 3
 """Failed pairs of a dive that are compared with their neighbors, which takes as long as matching
@@ -39,16 +24,11 @@ NOTED_PARTS = 5
 
 @dataclass(frozen=True)
 class _Limits:
-    """Feature matches that agree with the rectification, and how many of them make two images a
-    pair.
-    """
+    """Where a fitting partner is looked for, and how many pairs make a slip."""
 
-    row_px: float = 3.0  # a rig that has drifted is off by a pixel or two (0.6 px on a real dive)
     # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom
     # by more
     reach: int = 4
-    # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
-    points: int = 40
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
     slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
     # the least of a part that is out of step: one alone may be dark, or of another moment
@@ -58,41 +38,6 @@ class _Limits:
 
 
 _LIMITS = _Limits()
-
-
-def agreeing_points(
-    rectification: Rectification,
-    left: Described,
-    right: Described,
-    limits: MatchLimits = MATCH_LIMITS,
-) -> int:
-    """Count the features of the rectified left image that are found in the right one on the same
-    row, in front of the cameras.
-    """
-    found = match_described(left, right, limits)
-    disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
-    infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px
-    return int(
-        np.count_nonzero((np.abs(row_px) < _LIMITS.row_px) & (disparity_px > infinity_px - 1))
-    )
-
-
-def images_overlap(rectification: Rectification, left: Image, right: Image) -> bool:
-    """Tell whether enough points of the raw left image are found in the raw right one: a few
-    coarse features do, where there are enough; else points whose rows agree among themselves,
-    which those of a wide rig that has moved do.
-    """
-    found = any(
-        agreeing_points(
-            rectification,
-            describe_left(rectification, left, limits),
-            describe_right(rectification, right, limits),
-            limits,
-        )
-        >= _LIMITS.points
-        for limits in (QUICK, MATCH_LIMITS)
-    )
-    return found or len(find_matches(rectification, left, right).left) >= _LIMITS.points
 
 
 def neighbor_that_fits(
@@ -123,7 +68,7 @@ def neighbor_that_fits(
     points = matching_threads(rectification.raw_size).each(points_of, others)
     found = zip(points, others, strict=True)
     most, best = max(found, key=lambda item: item[0], default=(0, pair))
-    return best if most >= max(_LIMITS.points, _LIMITS.ratio * own) else None
+    return best if most >= max(ENOUGH_POINTS, _LIMITS.ratio * own) else None
 
 
 def constant_shift(
@@ -144,7 +89,7 @@ def constant_shift(
             shifts.add(pairs.index(other) - pairs.index(pair))
             example = _fits(pair, other)
             images = read_both(replace(pair, right=other.right), config)
-            one_camera = _same_picture(*images)
+            one_camera = is_same_picture(*images)
     if len(sample) < 2 or len(shifts) != 1:
         return None
     if one_camera:
@@ -157,15 +102,6 @@ def constant_shift(
         f"{example}, the same in {counted(len(sample), 'pair')} over the dive: number both "
         "sides equally, or correct the clock in the names of one side (for videos: "
         "input.video_offset_s)"
-    )
-
-
-def _same_picture(left: Image, right: Image) -> bool:
-    """Tell whether nearly all that looks alike in two images lies at the same places of both."""
-    found = similar_points(left, right)
-    return (
-        len(found.left) > 0
-        and float(np.median(np.hypot(*(found.left - found.right).T))) < ROW_LIMITS.apart_px
     )
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification, StereoRig
-from stereo_seecolor.checks.neighbors import images_overlap, neighbor_that_fits
+from calibration.verification.same_scene import images_overlap
+from stereo_seecolor.checks.neighbors import neighbor_that_fits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb

@@ -7,7 +7,8 @@ import pytest
 from calibration import Rectification
 from calibration.formats import load_rig
 from calibration.verification.matches import describe_left, describe_right
-from stereo_seecolor.checks.neighbors import agreeing_points, misfit_notes, neighbor_that_fits
+from calibration.verification.same_scene import agreeing_points
+from stereo_seecolor.checks.neighbors import misfit_notes, neighbor_that_fits
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
