@@ -48,7 +48,7 @@ LEAST = 1e-6
 CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to so many standard deviations about its mean (row 5)."""
 PENALTY = 1000.0
-"""k of the backscatter loss: cost of a negative direct signal relative to a positive one (row 5).
+"""k of the backscatter loss: cost of a negative direct signal relative to a positive one (row 1).
 """
 LEARNING_RATE = 0.03
 """Adam's."""
