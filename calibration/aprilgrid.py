@@ -102,9 +102,8 @@ class AprilGrid:
         """Tags (n,) and their corners (n, 4, 2), as ``points_m`` counts both, without tags that lie
         elsewhere.
 
-        Which corner of a tag a detector calls the first, and whether a printer counts rows upwards
-        as Kalibr does or downwards, is told by where the tags lie: of the eight ways, that which
-        most tags fit.
+        Detectors differ in which corner of a tag is the first one, and printers in whether rows
+        count upwards, as Kalibr's do, or downwards: of the eight ways, the one that most tags fit.
         """
         if len(tags) < 2:
             return tags[:0], corners[:0]

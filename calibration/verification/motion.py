@@ -52,7 +52,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Decides what is measured, and what is said of it.
+    """Limits of what is measured and of what is reported.
 
     least_points, least_couples: fewer tell nothing, or give no standard error. least_move: median
     movement in the image, of its width: less holds too little parallax. most_row_px: rows of a rig
@@ -65,7 +65,7 @@ class MotionLimits:
     known_focal: the focal length is fitted where its standard error is below that. range_error,
     deviations: ranges are wrong where they are by more than both. right: no more couples are looked
     at where error and standard error together are below that. seen: an error of ranges that would
-    be found, else it is said to be unseen.
+    be found, else it is reported as unseen.
     uneven: an error of ranges at the edges of the image, or from pair to pair, relative, that is
     named; pair_deviations: of single couples, by how many standard errors it must stand out.
     misfit: residuals so many times those of couples that each have values of their own are not

@@ -53,7 +53,7 @@ class SeenTwice:
     """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
     disparity.
 
-    rows_px: (n, 2) right minus left row at both moments; 0 where nothing else is said.
+    rows_px: (n, 2) right minus left row at both moments; 0 unless stated otherwise.
     """
 
     first: Array

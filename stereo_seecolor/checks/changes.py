@@ -383,9 +383,7 @@ def _each_line(pairs: Sequence[Pair], changes: Changes) -> str:
 
 
 def odd_line(first: str, last: str) -> str:
-    """What is said of pairs that are not of the rig of the others, the first and the last of
-    them.
-    """
+    """The line for pairs that are not of the rig of the others: the first and the last of them."""
     return (
         f"{_named(first, last)}: their rows do not fit the rig of the other pairs, exchanged or "
         "not: they come from another rig or dive, or their sides were not exposed at the "

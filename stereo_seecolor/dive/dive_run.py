@@ -1,4 +1,4 @@
-"""A command at work on the pairs of a dive: passes of work over all pairs, and what is known of
+"""A command at work on the pairs of a dive: passes of work over all pairs, and the records of
 each so far.
 """
 

@@ -1,4 +1,4 @@
-"""Tables of what is known of markers: scale bars and surveyed places, in this program's columns,
+"""Tables of measured markers: scale bars and surveyed places, in this program's columns,
 ReefShape's or Metashape's.
 
 Columns are found by words. Without a header, bars are first, second, length in meters, and places

@@ -296,7 +296,7 @@ def _to_fiducials(
     config: MappingConfig,
     known: Sequence[pose_graph.Prior] = (),
 ) -> tuple[Placement, MarkersFit | None]:
-    """Constrain a track by what is known of markers."""
+    """Constrain a track by the known sizes and positions of markers."""
     if not config.markers.known or not pose_graph.available():
         return placement, None
     return fit_to_fiducials(track, placement, Marks.found(track.survey, config.markers), known)

@@ -128,7 +128,7 @@ class FinalRows(Lazy[FrameRow]):
     """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not
     come to is pending.
 
-    table: what is known of the pairs. done: of their names, those whose last stage is current.
+    table: the rows of the pairs. done: of their names, those whose last stage is current.
     """
 
     table: FrameTable

@@ -171,7 +171,7 @@ def _patches(
     """For each hole a vertex in its middle, and triangles (n, 3) from there to its rim, -1 for the
     middle.
 
-    Rims of islands, which would be closed from below, are told by the side that faces up; holes
+    Rims of islands, which would be closed from below, are recognized by the side that faces up; holes
     around islands are left out.
     """
     holes, islands = [], []

@@ -23,7 +23,7 @@ FLOAT32 = 7
 """sensor_msgs/PointField.FLOAT32."""
 
 UNKNOWN_DISPARITY, DISPARITY_STEP = np.float32(-1.0), 1 / 16
-"""Below min_disparity, which is 0; and the step that sub-pixel matching is said to have."""
+"""Below min_disparity, which is 0; and the step stated for sub-pixel matching."""
 
 LEFT_FRAME, MAP_FRAME = "stereo_left", "map"
 

@@ -27,7 +27,7 @@ def is_tum(lines: Lines) -> bool:
 
 
 def read_tum(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Times in ms, us or ns are told by their size."""
+    """The size of a time shows whether it is in ms, us or ns."""
     firsts, rows = _rows(lines, 7, "a TUM pose has 8 numbers (timestamp tx ty tz qx qy qz qw)")
     return _named(trajectory_of(np.full(len(rows), np.nan), rows), lines, firsts)
 

@@ -276,7 +276,7 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
 
 
 DAYS_H = 72.0
-"""Differences of clocks are said in days from here on."""
+"""Larger differences of clocks are printed in days."""
 
 
 def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:

@@ -19,7 +19,7 @@ from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.mapping.track.track_work import Relating
 
 QUICK = FeatureSettings(max_width_px=480, max_features=800)
-"""A quarter of the track's pixels: a pose is told to some millimeters, at a fifth of the cost."""
+"""A quarter of the track's pixels: a pose is exact to some millimeters, at a fifth of the cost."""
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ SETTINGS = MarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """The markers found, by frame, and what is known of them: edge, bars by both ends' numbers,
+    """The markers found, by frame, and their measures: edge, bars by both ends' numbers,
     places with errors.
 
     origin: of places that were given as latitude and longitude.

@@ -121,8 +121,8 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
 def fit_to_fiducials(
     track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]
 ) -> tuple[Placement, MarkersFit]:
-    """A placement, refined before, brought to what is known of markers in its main component, and
-    the outcome of each.
+    """A placement, refined before, fitted to the measured markers in its main component, and the
+    outcome of each.
 
     priors: further constraints of the placement; without them it is moved to the surveyed places as
     a whole first.

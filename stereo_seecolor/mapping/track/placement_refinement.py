@@ -55,7 +55,7 @@ class _Part(NamedTuple):
 def refined(
     track: Track, placement: Placement, priors: Sequence[Prior] = (), marks: Marks | None = None
 ) -> Placement:
-    """The placement's frames where all observations, the priors and what is known of markers agree
+    """The placement's frames where all observations, the priors and the measured markers agree
     best, with standard errors.
 
     track: it holds the relative poses that the placement was made from; loops that turned out false

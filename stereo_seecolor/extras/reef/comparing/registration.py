@@ -30,7 +30,7 @@ class RegistrationSettings:
     apart_cells: float = 5.0  # most that registrations by features and by surfaces may differ
     # of the ground over both must fit: what moved cannot be told from what did not otherwise
     stable: float = 0.5
-    scale_sigmas: float = 4.0  # beyond which the scale of the two surveys is said to differ
+    scale_sigmas: float = 4.0  # beyond which the scales of the two surveys differ
 
 
 SETTINGS = RegistrationSettings()

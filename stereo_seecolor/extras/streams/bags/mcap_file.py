@@ -41,7 +41,7 @@ class _McapRecord(NamedTuple):
 
 @dataclass
 class _Declared:
-    """What the file has said so far of its schemas and channels."""
+    """The schemas and channels that were read so far."""
 
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)

@@ -40,9 +40,7 @@ class Place(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """A compressed part of the file: its data, how they are compressed, and how large they are said
-    to be.
-    """
+    """A compressed part of the file: its data, how they are compressed, and their stated size."""
 
     start: int
     size: int
