@@ -171,8 +171,8 @@ def _patches(
     """For each hole a vertex in its middle, and triangles (n, 3) from there to its rim, -1 for the
     middle.
 
-    Rims of islands, which would be closed from below, are recognized by the side that faces up; holes
-    around islands are left out.
+    Rims of islands, which would be closed from below, are recognized by the side that faces up;
+    holes around islands are left out.
     """
     holes, islands = [], []
     for loop in rims(triangles):
