@@ -122,7 +122,7 @@ def check(
     rig = settle_matches(loaded, raw)
     settled = Rectification.from_rig(rig)
     known = list(zip(seen.matches, rectified_matches(rig, raw), strict=True))
-    change = find_change(rig, settled, pairs, images, known)
+    change = find_change(settled, pairs, images, known)
     unmatched = [
         f"{pair.name}: {problem}: run leaves this pair out"
         for pair, problem in seen.problems.items()

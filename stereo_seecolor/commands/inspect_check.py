@@ -93,7 +93,7 @@ def tested_calibration(
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
     rectification = Rectification.from_rig(rig)
-    change = find_change(rig, rectification, pairing.pairs, config.input)
+    change = find_change(rectification, pairing.pairs, config.input)
     pairs, fitting = change.shared(pairing.pairs), list(change.shared(fitting))
     matches = list(matches_of(rectification, fitting, config.input).matches.values())
     judged = judge_rig(rig, matches, pairs, config.input, change)

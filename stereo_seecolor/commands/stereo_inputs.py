@@ -190,9 +190,7 @@ class Opened:
         change = (
             DiveChange()
             if known
-            else find_change(
-                pipeline.rig, pipeline.rectification, pairing.pairs, pipeline.config.input
-            )
+            else find_change(pipeline.rectification, pairing.pairs, pipeline.config.input)
         )
         if change.out_of_step:
             raise InputError(change.line)

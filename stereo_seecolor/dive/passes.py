@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from stereo_seecolor.checks.changes import LEFT_OUT, odd_among
+from stereo_seecolor.checks.changes import LEFT_OUT
 from stereo_seecolor.checks.fitted_water import channel_order_notes, range_scale_notes
+from stereo_seecolor.checks.odd_pairs import odd_among
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.survey import CountedFrames, Fitter

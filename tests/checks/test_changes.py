@@ -14,7 +14,8 @@ from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.checks.changes import find_change, odd_among
+from stereo_seecolor.checks.changes import find_change
+from stereo_seecolor.checks.odd_pairs import odd_among
 from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.pairing import Pair
@@ -119,7 +120,7 @@ def test_exchanged_pairs_are_named_once(swapped: range, tmp_path: Path) -> None:
         for i, pair in enumerate(own)
     ]
     rig = load_rig(REEF / "cam.yaml")
-    found = find_change(rig, Rectification.from_rig(rig), pairs, InputConfig())
+    found = find_change(Rectification.from_rig(rig), pairs, InputConfig())
     first, last = pairs[swapped[0]].name, pairs[swapped[-1]].name
     assert f"from {first} to {last}: left and right are exchanged" in found.line
     assert found.odd == {pairs[i].name for i in swapped} and found.is_rigid
@@ -148,4 +149,4 @@ def test_an_odd_pair_between_those_that_are_compared_is_found_by_its_numbers(
 def test_the_sample_dive_is_of_one_rig() -> None:
     rig = load_rig(REEF / "cam.yaml")
     pairs = pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs
-    assert find_change(rig, Rectification.from_rig(rig), pairs, InputConfig()).line == ""
+    assert find_change(Rectification.from_rig(rig), pairs, InputConfig()).line == ""

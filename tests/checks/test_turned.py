@@ -49,7 +49,7 @@ def test_pairs_turned_by_their_tag_are_named_and_left_out(dive, tags, first: str
     images = RunConfig().input
     pairs = pairs_of(root / "left", root / "right", images).pairs
     rig = load_rig(root / "cam.yaml")
-    found = find_change(rig, Rectification.from_rig(rig), pairs, images)
+    found = find_change(Rectification.from_rig(rig), pairs, images)
     assert first in found.line
     assert found.is_rigid
     numbers = {number for side in tags.values() for number in side}
@@ -62,7 +62,7 @@ def test_pixels_that_were_stored_as_their_tag_says_are_no_fault(dive) -> None:
     images = RunConfig().input
     pairs = pairs_of(root / "left", root / "right", images).pairs
     rig = load_rig(root / "cam.yaml")
-    found = find_change(rig, Rectification.from_rig(rig), pairs, images)
+    found = find_change(Rectification.from_rig(rig), pairs, images)
     assert (found.line, found.odd) == ("", frozenset())
 
 

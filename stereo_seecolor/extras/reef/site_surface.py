@@ -35,17 +35,6 @@ class SiteMesh:
             transform_points(T, self.points_m), self.normals @ R.T, self.color, self.triangles
         )
 
-    @property
-    def triangle_areas_m2(self) -> Array:
-        """The area of each triangle: (T,)."""
-        a, b, c = (self.points_m[self.triangles[:, k]] for k in range(3))
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
-
-    @property
-    def triangle_centers_m(self) -> Array:
-        """The center of each triangle: (T, 3)."""
-        return np.asarray(self.points_m[self.triangles].mean(axis=1))
-
     def area_over(self, grid: Grid) -> Array:
         """(H, W) square meters of mesh over, and below, each cell."""
         return area_over(self.points_m, self.triangles, grid)
