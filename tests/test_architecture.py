@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -142,3 +143,18 @@ def test_no_two_classes_share_a_name() -> None:
         if isinstance(node, ast.ClassDef)
     )
     assert [name for name, number in names.items() if number > 1] == []
+
+
+def test_private_names_are_used_in_their_file_alone() -> None:
+    wrong = []
+    for path in MODULES.values():
+        text = path.read_text(encoding="utf-8")
+        for node in parsed(text).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                is_private = node.name.startswith("_") and not node.name.startswith("__")
+                if is_private and len(re.findall(rf"\b{node.name}\b", text)) == 1:
+                    wrong.append(f"{path}: nobody calls {node.name}")
+            elif isinstance(node, ast.ImportFrom):
+                private = [alias.name for alias in node.names if alias.name.startswith("_")]
+                wrong += [f"{path} imports {name}" for name in private if node.module in MODULES]
+    assert not wrong

@@ -28,7 +28,7 @@ from stereo_seecolor.extras.evaluation.multiview_system import (
     NOISE,
     MultiviewFit,
     Scatter,
-    _model,
+    model_of,
     near_against_far,
 )
 from stereo_seecolor.records import Water
@@ -94,7 +94,7 @@ def fit_observations(observations: Observations, encoding: InputEncoding) -> Wat
     mean, precision = _prior()
     x, damping = mean.copy(), STEPS.first_damping
     first = Scatter(NOISE.first_scatter, NOISE.first_scatter)
-    fit = MultiviewFit.of(_model(x, observations.range_m), observations, first)
+    fit = MultiviewFit.of(model_of(x, observations.range_m), observations, first)
     for step in range(STEPS.most_steps):
         if step:
             fit = MultiviewFit.of(fit.model, observations, fit.scatter_now(), fit)
@@ -137,7 +137,7 @@ def _lower(
     for _ in range(STEPS.most_trials):
         move = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
         trial = x + np.clip(move, -STEPS.longest_step, STEPS.longest_step)
-        model = _model(trial, fit.observations.range_m)
+        model = model_of(trial, fit.observations.range_m)
         there = MultiviewFit.with_weights(model, fit.observations, fit.weights, fit.scatter)
         if there.cost() + (trial - mean) @ precision @ (trial - mean) <= cost:
             return trial, there, max(damping * STEPS.less_damping, STEPS.least_damping)

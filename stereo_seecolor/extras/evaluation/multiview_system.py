@@ -171,7 +171,7 @@ class MultiviewFit:
         )
 
 
-def _model(x: Array, range_m: Array) -> Model:
+def model_of(x: Array, range_m: Array) -> Model:
     """The water of nine logarithms."""
     import torch
 
