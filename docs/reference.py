@@ -124,10 +124,7 @@ def commands_page() -> str:
         panels.setdefault(command.panel, []).append(name)
     commands = {name: group.commands[name] for names in panels.values() for name in names}  # type: ignore[attr-defined]
     times = Counter(
-        option_row(parameter)
-        for command in commands.values()
-        for parameter in options_of(command)
-        if not is_argument(parameter)
+        option_row(parameter) for command in commands.values() for parameter in options_of(command)
     )
     common = [row for row, count in times.items() if count >= COMMON_COMMANDS]
     sections = (command_section(name, command, common) for name, command in commands.items())
@@ -154,10 +151,17 @@ def command_section(name: str, command: Any, common: list[str]) -> str:
     if name in EXAMPLES:
         lines += ["```sh", *EXAMPLES[name], "```", ""]
     own = [row for row in map(option_row, shown) if row not in common]
-    also = [", ".join(f"`{opt}`" for opt in p.opts) for p in shown if option_row(p) in common]
+    also = [f"`{name_of(p)}`" for p in shown if option_row(p) in common]
     lines += [OPTIONS_HEAD, *own, ""] if own else []
     lines += [f"{'Also' if own else 'Options'}: {', '.join(also)}."] if also else []
     return "\n".join(lines).rstrip() + "\n"
+
+
+def name_of(parameter: Any) -> str:
+    """``--out``, or ``OUT`` for an argument."""
+    if is_argument(parameter):
+        return str(parameter.metavar or parameter.name.upper())
+    return ", ".join(parameter.opts)
 
 
 def is_argument(parameter: Any) -> bool:
@@ -165,13 +169,10 @@ def is_argument(parameter: Any) -> bool:
 
 
 def option_row(parameter: Any) -> str:
-    name = ", ".join(parameter.opts)
-    if is_argument(parameter):
-        name = parameter.metavar or parameter.name.upper()
     annotation = parameter.type_descriptor.annotation
     value = "" if getattr(parameter, "is_flag", False) else kind(annotation)
     value = ", ".join(filter(None, (value, default_of(parameter))))
-    return f"| `{name}` | {value} | {cell(parameter.help or '')} |"
+    return f"| `{name_of(parameter)}` | {value} | {cell(parameter.help or '')} |"
 
 
 def default_of(parameter: Any) -> str:

@@ -66,9 +66,8 @@ class PaperConfig(StageConfig):
         default=20,
         ge=1,
         description="Training steps on a frame of a stream, starting from the water of the "
-        "previous frame: in live, with a number as lock, and with lock frame if run finds "
-        "that both frames show the same spots. live takes fewer steps if --budget-ms leaves "
-        "no time for them.",
+        "previous frame: in live, with a number as lock, and with lock frame if both frames show "
+        "the same spots. live takes fewer steps if --budget-ms leaves no time.",
     )
     final_sigmoid: bool = Field(
         default=False,
@@ -121,10 +120,9 @@ class ColorConfig(StageConfig):
 
     camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
         default="auto",
-        description="Differences of exposure between frames. auto: a gain for each frame, "
-        "from spots that several frames of a run show, if it makes the frames agree better. "
-        "fixed: the exposure was constant during the survey. brightness: a gain for each "
-        "frame, from its brightness at equal ranges.",
+        description="Differences of exposure between frames. auto: a gain for each frame, from "
+        "spots that several frames show, if frames then agree better. fixed: constant exposure. "
+        "brightness: a gain for each frame, from its brightness at equal ranges.",
     )
     input_encoding: Literal["auto", "srgb", "linear", "as-is", "unknown"] = Field(
         default="auto",
@@ -148,23 +146,21 @@ class ColorConfig(StageConfig):
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",
-        description="Uneven light. auto: the pattern of lamps and lens over image and range, and "
-        "moving sunlight and shadows, are estimated from spots that several frames of a "
-        "run show, and divided out if that makes the frames agree better. none: no "
-        "correction.",
+        description="Uneven light. auto: the pattern of lamps and lens, and moving sunlight and "
+        "shadows, are estimated from spots that several frames show, and divided out if frames "
+        "then agree better. none: no correction.",
     )
     median_luminance: float = Field(
         default=0.18,
         gt=0,
         le=0.5,
         description="Brightness of the output: the median luminance of all frames that share water "
-        "parameters, in linear light, as a fraction of full scale. 0.18 is mid-gray. "
-        "Brighter values are compressed if the brightest would clip. Not for "
+        "parameters, in linear light, as a fraction of full scale. 0.18 is mid-gray. Not for "
         "input_encoding=as-is.",
     )
     unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
         default="interpolate",
         description="Output of pixels without a measured range. interpolate: corrected with the "
-        "range of measured neighbors of the same color (mask 2; range/ does not change). "
-        "black: black. raw: the uncorrected pixel.",
+        "range of measured neighbors of the same color (mask 2). black: black. raw: the "
+        "uncorrected pixel.",
     )
