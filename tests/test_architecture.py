@@ -155,6 +155,6 @@ def test_private_names_are_used_in_their_file_alone() -> None:
                 if is_private and len(re.findall(rf"\b{node.name}\b", text)) == 1:
                     wrong.append(f"{path}: nobody calls {node.name}")
             elif isinstance(node, ast.ImportFrom):
-                private = [alias.name for alias in node.names if alias.name.startswith("_")]
+                private = [alias.name for alias in node.names if re.match("_[^_]", alias.name)]
                 wrong += [f"{path} imports {name}" for name in private if node.module in MODULES]
     assert not wrong
