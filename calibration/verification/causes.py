@@ -32,8 +32,9 @@ from calibration.verification.explanations import (
     Explanation,
 )
 from calibration.verification.matches import Matches
-from calibration.verification.motion import LIMITS as MOTION_LIMITS
-from calibration.verification.motion import NO_MOTION, Motion, motion_of, range_error
+from calibration.verification.motion import motion_of, range_error
+from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
+from calibration.verification.motion_result import NO_MOTION, Motion
 from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.table import CAUSES
 

@@ -19,7 +19,7 @@ from calibration.rectification import (
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig, quarter_turn
 from calibration.verification.matches import Matches
-from calibration.verification.motion import LIMITS as MOTION_LIMITS
+from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import row_inliers
 from calibration.verification.table import CAUSES

@@ -20,8 +20,8 @@ from calibration.verification.dive_points import (
     reading_of,
     seen_twice,
 )
-from calibration.verification.motion import LIMITS as MOTION_LIMITS
 from calibration.verification.motion import fit_clear, range_error
+from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
 from calibration.verification.row_fits import robust_fit
 from calibration.verification.table import CAUSES, MOVED

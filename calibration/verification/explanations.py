@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.rig import StereoRig
-from calibration.verification.motion import NO_MOTION, Motion
+from calibration.verification.motion_result import NO_MOTION, Motion
 from calibration.verification.table import LENSES, MOVED, Cause
 
 ENOUGH = 3.0

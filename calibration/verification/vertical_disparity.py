@@ -8,7 +8,7 @@ from calibration.errors import counted
 from calibration.rig_errors import RangeError
 from calibration.verification.explanations import NOT_TESTED, Causes
 from calibration.verification.mistake_table import GIVE_RECTIFIED, RECTIFIED
-from calibration.verification.motion import NO_MOTION, Motion
+from calibration.verification.motion_result import NO_MOTION, Motion
 from calibration.verification.table import CUT_OUT, IN_AIR, MOVED, OTHER
 
 

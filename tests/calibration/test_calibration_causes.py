@@ -13,7 +13,8 @@ from calibration.port import flat_port
 from calibration.rectification import plan_rectification
 from calibration.verification.causes import find_causes
 from calibration.verification.explanations import Causes, Explanation
-from calibration.verification.motion import Motion, motion_of
+from calibration.verification.motion import motion_of
+from calibration.verification.motion_result import Motion
 
 YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
 ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"

@@ -13,7 +13,8 @@ import pytest
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig, write_rig
 from calibration.verification.causes import find_causes
-from calibration.verification.motion import Motion, find_couples, find_motion, motion_of
+from calibration.verification.motion import find_couples, find_motion, motion_of
+from calibration.verification.motion_result import Motion
 from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig, matches_of

@@ -15,12 +15,12 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
+from stereo_seecolor.inputs.trajectories.degrees import read_degrees
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
 from stereo_seecolor.inputs.trajectories.times import (
     AmbiguousDateError,
     TimeError,
     column_seconds,
-    is_unknown,
 )
 from stereo_seecolor.inputs.trajectories.vehicle_track import (
     Column,
@@ -58,22 +58,10 @@ _FIXES = {"name", "time", "date", "us_date", "lat", "lon", "north", "east", "val
 """A map of these alone is of positions without depth and attitude: a buoy's fixes."""
 _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
-_DEGREES = re.compile(
-    r"([NSEWO])?\s*([+-]?\d++(?:\.\d++)?)(?:(?:\s*[°º\ufffd:]\s*+|\s++)"
-    r"(?:(\d++(?:\.\d++)?)['’′:\s]*+(?:(\d++(?:\.\d++)?)\s*+(?:[\"”″]|'')?)?)?)?\s*([NSEWO])?",
-    re.IGNORECASE,
-)
-"""Degrees, minutes and seconds, as far as there are, and the hemisphere before or after:
-``14°41'6.0"S``, ``14.685 S``.
-"""
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
 """A time of day, as h:m:s or hhmmss."""
-_MINUTES = re.compile(r"(\d{2,3})(\d{2}\.\d+)( [NSEW])", re.IGNORECASE)
-"""Degrees and minutes as receivers write them, ddmm.mmmm, with the hemisphere."""
-_MAVLINK = 1e7
-"""Whole numbers a degree."""
 UNKNOWN_HEADING, _MESSAGE = 65535, "global_position_int"
 """Of MAVLink."""
 MAX_GAP_S = 10.0
@@ -380,42 +368,11 @@ def _numbers(table: Table, columns: Mapping[str, str], role: str) -> Column:
     """A role's column in meters or degrees."""
     column = columns[role].lower()
     if role in ("lat", "lon"):
-        values = _places(table, column, role)
+        values = read_degrees(table, column, role)
     else:
         values = np.array(table.column(column))
     values[np.isin(values, _NO_VALUE)] = np.nan
     return values * unit(columns[role])
-
-
-def _places(table: Table, column: str, role: str) -> Column:
-    """Latitudes or longitudes, whose hemisphere may stand in the next column; whole numbers beyond
-    all degrees are MAVLink's 1e-7 of one.
-    """
-    names = list(table.rows[0][1])
-    beside = names[names.index(column) + 1 :][:1]
-    sides = [{row[name].upper() for _, row in table.rows} for name in beside]
-    letters = {*("NS" if role == "lat" else "EW"), ""}
-    of_side = any(own != {""} and own <= letters for own in sides)
-    cells = [f"{row[column]} {row[beside[0]]}" if of_side else row[column] for _, row in table.rows]
-    if of_side and all(is_unknown(cell) or _MINUTES.fullmatch(cell) for cell in cells):
-        cells = [_MINUTES.sub(r"\1 \2\3", cell) for cell in cells]
-    values = np.array(
-        [_degrees(table, number, cell) for (number, _), cell in zip(table.rows, cells, strict=True)]
-    )
-    known = values[np.isfinite(values) & (values != 0)]
-    of_mavlink = known.size and (np.abs(known) > 1000).all() and (known == np.round(known)).all()
-    return values / _MAVLINK if of_mavlink else values
-
-
-def _degrees(table: Table, number: int, text: str) -> float:
-    """Of ``14.685``, ``14.685 S`` or ``14°41'6"S``."""
-    text = text.strip()
-    match = None if is_number(text) or is_unknown(text) else _DEGREES.fullmatch(text)
-    if match is None:
-        return float("nan") if is_unknown(text) else table.lines.numbers(number, [text])[0]
-    degrees, minutes, rest = (float(match[i] or 0) for i in (2, 3, 4))
-    negative = (match[1] or match[5] or "N").upper() in "SW" or match[2].startswith("-")
-    return (-1 if negative else 1) * (abs(degrees) + minutes / 60 + rest / 3600)
 
 
 def _times(table: Table, columns: Mapping[str, str], by_names: bool) -> Column:
