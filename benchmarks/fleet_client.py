@@ -24,7 +24,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
+from stereo_seecolor.color.photometry.light_of_frames import PART
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -225,9 +225,10 @@ class Workers:
             found = []
             for other in others:
                 step = np.array([gains[i] - gains[other], 0.01, 0, -0.01])
-                measured = (step + 0.01 * rng.standard_normal(4) for _ in range(3))
-                found.append((i, other, 300, *measured, np.full(4, 0.1)))
-            return np.array([i, *others]), np.array(found, DIFFERENCE)
+                for held in (False, True):
+                    value = step + 0.01 * rng.standard_normal(4)
+                    found.append((i, other, (0, 30), (0, -30), value, 150, held))
+            return np.array([i, *others]), np.array(found, PART)
 
         return looked
 

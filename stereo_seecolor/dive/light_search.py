@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
-from stereo_seecolor.color.photometry.frame_shading import Parts, solve_shading, without_shading
-from stereo_seecolor.color.photometry.gain_chain import (
-    DIFFERENCE,
-    Differences,
-    DifferenceTable,
+from stereo_seecolor.color.photometry.light_model import ByFrame
+from stereo_seecolor.color.photometry.light_of_frames import (
+    PART,
+    Parts,
     differences,
-    solve_chain,
+    solve_frames,
 )
-from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.recorded_exposure import (
@@ -27,7 +25,6 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
     is_informative,
     log_exposures,
     offsets_about,
-    solve_recorded,
 )
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
@@ -39,8 +36,8 @@ from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
-Differing = tuple[NDArray[np.int64], tuple[Differences, Parts]]
-"""A window's frame numbers, and the differences between these frames and between parts of them."""
+Differing = tuple[NDArray[np.int64], Parts]
+"""A window's frame numbers, and the differences between parts of these frames."""
 
 
 @dataclass(frozen=True)
@@ -135,20 +132,21 @@ class LightSearch:
         for window in windows:
             links.add(window.frames)
         light, recorded = self._pattern(windows, names, allowed, is_sampled)
-        if light and is_sampled and allowed.gains:
+        if light and allowed.gains and (is_sampled or not light.luminance.judged):
             every = self._examined(
                 range(len(names)),
                 _DifferenceMatcher(self._frame_matcher, light),
                 self.compute.parts,
             )
-            light = self._with_gains(light, names, every, links, recorded, None)
-        elif light and (light.recorded or (allowed.gains and not light.luminance.judged)):
-            few = [(seen.frames, differences(seen, light, self._size)) for seen in windows]
-            nothing = np.zeros(3 * SHADING)
-            shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(
-                -1, SHADING, 3
-            )
-            light = self._with_gains(light, names, few, links, recorded, shading)
+            few = ((seen.frames, differences(seen, light, self._size)) for seen in windows)
+            light = self._of_frames(light, names, every if is_sampled else few, links, recorded)
+        elif light and light.recorded:
+            own = [
+                light.solved.gains.get(name, np.full(3, record))
+                for name, record in zip(names, recorded, strict=True)
+            ]
+            gains = ByFrame(names, np.array(own))
+            light = replace(light, solved=replace(light.solved, gains=gains))
         return Found(light, SomeNames(names, links.frames))
 
     @property
@@ -158,75 +156,60 @@ class LightSearch:
 
     def _pattern(
         self, windows: Sequence[SeenWindow], names: Names, allowed: LightTerms, is_sampled: bool
-    ) -> tuple[SurveyLight | None, Array | None]:
-        """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they
-        explain differences of frames.
+    ) -> tuple[SurveyLight | None, Array]:
+        """The light solved from ``windows``, and the (F,) recorded exposures (logarithms); zeros
+        unless they explain differences of frames.
         """
+        recorded, nothing = log_exposures(self.captures), np.zeros(len(names))
         light = solve_light(windows, names, self._size, allowed, is_sampled=is_sampled)
-        if light is None:
-            return None, None
-        recorded, used = log_exposures(self.captures), None
-        if allowed.gains and is_informative(recorded):
-            offsets = self._offsets_about(recorded, light, windows)
+        used, offsets = nothing, None
+        if light and allowed.gains and is_informative(recorded):
+            parts = self._joined(differences(window, light, self._size) for window in windows)
+            offsets = offsets_about(parts, recorded) if len(parts) else None
             if offsets and explain(offsets):
                 used = recorded
                 light = solve_light(windows, names, self._size, allowed, used, is_sampled)
+                light = light and replace(light, offsets=offsets)
             else:
                 light = replace(light, refused=offsets)
-        return light and refit_color_after_water(light, windows, names, self._size, used), used
-
-    def _offsets_about(
-        self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]
-    ) -> tuple[float, float] | None:
-        """Differences between frames, without and with the (F,) records; None where no two frames
-        show the same spots.
-        """
-        found = np.concatenate(
-            [
-                np.zeros(0, DIFFERENCE),
-                *(differences(window, light, self._size)[0] for window in windows),
-            ]
-        )
-        return offsets_about(found, recorded) if len(found) else None
+        return light and refit_color_after_water(light, windows, names, self._size), used
 
     @staticmethod
-    def _with_gains(
+    def _joined(several: Iterable[Parts]) -> Parts:
+        """All parts, as bytes while they come in: a dive has millions."""
+        joined = bytearray()
+        for parts in several:
+            joined += parts.tobytes()
+        return np.frombuffer(joined, PART)
+
+    def _of_frames(
+        self,
         light: SurveyLight,
         names: Names,
         windows: Iterable[Differing],
         links: "_Links",
-        recorded: Array | None,
-        shading: Array | None,
+        recorded: Array,
     ) -> SurveyLight:
         """The light with the gains and shading of all frames; without gains where they do not help.
 
-        shading: (F, SHADING, 3) of all frames; None to solve it from the windows. links: gets the
-        frames of each window.
+        links: gets the frames of each window.
         """
-        table = DifferenceTable()
-        for frames, differing in windows:
-            links.add(frames)
-            table.add(*differing)
-        # a sample does not judge other frames
-        judged = shading is not None and light.luminance.judged
-        luminance, color = (
-            True if one.use.gains else False if judged else None
-            for one in (light.luminance, light.color)
-        )
-        if shading is None:
-            shading = solve_shading(
-                table.parts, len(names), (light.luminance.use.shading, light.color.use.shading)
-            )
-        found, known = without_shading(table.whole, table.parts, shading), np.zeros(len(names))
-        chosen = luminance, color
-        solved = (
-            solve_chain(found, known, chosen)
-            if recorded is None
-            else solve_recorded(found, recorded, chosen)
+
+        def linked() -> Iterator[Parts]:
+            for frames, parts in windows:
+                links.add(frames)
+                yield parts
+
+        luminance, color = light.luminance.use, light.color.use
+        solved = solve_frames(
+            self._joined(linked()),
+            recorded,
+            (luminance.shading, color.shading),
+            (luminance.gains or None, color.gains or None),  # a sample does not judge other frames
         )
         measured = solved.measured & solved.gains.any()
         gains = ByFrame(names, np.where(measured[:, None], solved.gains, np.nan))
-        flat = shading.reshape(len(names), -1)
+        flat = solved.shading.reshape(len(names), -1)
         own = (
             ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan))
             if flat.any()

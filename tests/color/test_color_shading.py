@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.frame_shading import parts_of, solve_shading, without_shading
-from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_map, shading_terms
+from stereo_seecolor.color.photometry.light_of_frames import ACROSS, PART, solve_frames
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -118,47 +117,28 @@ def test_the_map_of_a_shading_is_its_terms() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", [40, 300])
-def test_the_shading_of_a_chain_of_frames_comes_back(frames: int) -> None:
+def test_gain_and_shading_of_a_chain_of_frames_come_back(frames: int) -> None:
     """By the dense solver and by the one for long dives; some parts are seen wrongly."""
     rng = np.random.default_rng(3)
     true = rng.normal(0, [0.2, 0.2, 0.1, 0.1, 0.1], (frames, SHADING))
-    gains, parts = rng.normal(0, 0.2, frames), []
+    gains, found = rng.normal(0, 0.2, frames), []
     for i in range(frames):
-        for back in (1, 2, 4):
-            if i >= back:
-                at_i = rng.uniform([-1, -1 + 0.3 * back], 1, (400, 2))
-                at_j = at_i - [0, 0.3 * back]
-                value = (
-                    shading_terms(at_i) @ true[i]
-                    - shading_terms(at_j) @ true[i - back]
-                    + gains[i]
-                    - gains[i - back]
-                )
-                value += rng.normal(0, 0.05, value.size) + (rng.random() < 0.02)
-                parts.append(
-                    parts_of(
-                        (i, i - back),
-                        (at_i, at_j),
-                        np.stack([value, *np.zeros((3, value.size))], axis=1),
-                    )
-                )
-    every = np.concatenate(parts)
-    found = solve_shading(every, frames, (True, False))
-    assert np.ptp(found, axis=2).max() < 1e-12
+        for j in (i - 1, i - 2, i - 4):
+            for part in range(18) if j >= 0 else ():
+                at_i = rng.uniform([-1, -1 + 0.3 * (i - j)], 1)
+                at = np.rint(ACROSS * np.stack([at_i, at_i - [0, 0.3 * (i - j)]]))
+                terms = shading_terms(at / ACROSS)
+                value = terms[0] @ true[i] - terms[1] @ true[j] + gains[i] - gains[j]
+                value += rng.normal(0, 0.01) + (rng.random() < 0.02)
+                found.append((i, j, *at, (value, 0, 0, 0), 20, part % 2))
+    parts = np.array(found, PART)
+    solved = solve_frames(parts, np.zeros(frames), (True, False), (True, False))
+    assert np.ptp(solved.shading, axis=2).max() < 1e-12
     # what stays in place on the reef no view tells from it
-    assert np.std(found[..., 0] - true) < 0.4 * np.std(true)
-    assert not solve_shading(every, frames, (False, False)).any()
-    pairs = np.unique(np.stack([every["i"], every["j"]], axis=1), axis=0)
-    whole = np.zeros(len(pairs), DIFFERENCE)
-    whole["i"], whole["j"], whole["patches"] = *pairs.T, 400
-    for k, (i, j) in enumerate(pairs):
-        of_pair = every[(every["i"] == i) & (every["j"] == j)]
-        whole["whole"][k, 0] = np.average(of_pair["value"][:, 0], weights=of_pair["patches"])
-    left = without_shading(whole, every, found)["whole"][:, 0] - (
-        gains[pairs[:, 0]] - gains[pairs[:, 1]]
-    )
-    assert np.median(np.abs(left)) < 0.03
-    assert np.array_equal(without_shading(whole, every[:0], found), whole)
+    assert np.std(solved.shading[..., 0] - true) < 0.4 * np.std(true)
+    step = np.diff(solved.gains[:, 0] - gains)
+    assert np.median(np.abs(step)) < 0.05
+    assert not solve_frames(parts, np.zeros(frames), (False, False)).shading.any()
 
 
 @pytest.mark.slow

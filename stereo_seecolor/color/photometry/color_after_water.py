@@ -49,18 +49,17 @@ def refit_color_after_water(
     windows: Sequence[SeenWindow],
     names: Sequence[str],
     size: tuple[int, int],
-    recorded: Array | None = None,
 ) -> SurveyLight:
     """Solve the color of the pattern again after the water is removed; return the light.
 
     It is unchanged if color has no pattern, no change has more evidence, or no spot has light after
     the water is removed.
-    windows, names, size, recorded: as given to ``solve_light``, which found the light.
+    windows, names, size: as given to ``solve_light``, which found the light.
     """
     if not survey_light.color.use.pattern:
         return survey_light
-    light, log_gains = survey_light.solved, np.zeros(len(names)) if recorded is None else recorded
-    gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
+    light = survey_light.solved
+    gains = np.array([light.gains.get(name, np.zeros(3)) for name in names])
     shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(
         -1, SHADING, 3
     )

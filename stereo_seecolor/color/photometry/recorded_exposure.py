@@ -11,13 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.gain_chain import (
-    Chain,
-    Chosen,
-    Differences,
-    offset_between,
-    solve_chain,
-)
+from stereo_seecolor.color.photometry.light_of_frames import Parts, offset_between
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
@@ -31,8 +25,6 @@ class RecordSettings:
     """Least standard deviation (logarithm) of records; smaller ones are not used."""
     left: float = 0.8
     """Largest remaining fraction of the offsets between frames, as for gains."""
-    no_gain: float = 1e-9
-    """Logarithm; smaller gains of luminance are rounding errors of a gain of color alone."""
 
 
 SETTINGS = RecordSettings()
@@ -56,30 +48,11 @@ def is_informative(recorded: Array) -> bool:
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 
 
-def offsets_about(differences: Differences, recorded: Array) -> tuple[float, float]:
+def offsets_about(parts: Parts, recorded: Array) -> tuple[float, float]:
     """Compute the rms of luminance between frames, without and with the (F,) records subtracted."""
-    return offset_between(differences, np.zeros_like(recorded)), offset_between(
-        differences, recorded
-    )
+    return offset_between(parts, np.zeros_like(recorded)), offset_between(parts, recorded)
 
 
 def explain(offsets: tuple[float, float]) -> bool:
     """Whether subtracting the records lowers the ``offsets_about`` enough."""
     return offsets[1] < SETTINGS.left * offsets[0]
-
-
-def solve_recorded(differences: Differences, recorded: Array, chosen: Chosen) -> Chain:
-    """Solve gains of all frames with the (F,) records as prior mean; a frame without overlap gets
-    its record.
-    """
-    chain = solve_chain(differences, recorded, chosen)
-    left = (
-        chain.offsets[1]
-        if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain
-        else chain.offsets[0]
-    )
-    return Chain(
-        chain.gains + recorded[:, None],
-        chain.measured | (recorded != 0),
-        (offset_between(differences, np.zeros_like(recorded)), left),
-    )

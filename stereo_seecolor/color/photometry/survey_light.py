@@ -186,8 +186,8 @@ def solve_light(
         names: Names of all frames of the dive.
         size: (width, height) of the images of the observations.
         allowed: The terms that may be used.
-        recorded: (F,) logarithms of the exposures that the camera recorded; they are subtracted
-            first, so that the gains are relative to them.
+        recorded: (F,) logarithms of the exposures that the camera recorded: the prior mean of the
+            gains.
         is_sampled: True if the windows are of a part of the frames.
 
     Returns:
@@ -222,7 +222,12 @@ def solve_light(
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
     color = _choose_color(made, of_color, same, len(measured))
-    light = _light(luminance, color, made, [names[frame] for frame in measured], even)
+    light = _light(luminance, color, made, even)
+    gains = luminance.solution.gains + color.solution.gains
+    gains += 0.0 if recorded is None else recorded[measured, None]
+    shading = luminance.solution.shading + color.solution.shading
+    seen = [names[frame] for frame in measured]
+    light = replace(light, gains=_by_name(gains, seen), shading=_by_name(shading, seen))
     light = replace(light, fade=0.0) if differ else light
     return SurveyLight(
         light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ
@@ -249,18 +254,14 @@ def _choose_color(
     )
 
 
-def _light(
-    luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], even: Light
-) -> Light:
-    """The light of luminance and color together. names: of the frames in the windows."""
+def _light(luminance: Choice, color: Choice, windows: Sequence[Window], even: Light) -> Light:
+    """The light of luminance and color together, without gains and shading."""
     of_luminance, of_color = luminance.solution, color.solution
     return replace(
         even,
         coefficients=of_luminance.coefficients + of_color.coefficients,
-        gains=_by_name(of_luminance.gains + of_color.gains, names),
         fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0,
         color_trend=_color_trend(color, windows, even.reference_m),
-        shading=_by_name(of_luminance.shading + of_color.shading, names),
     )
 
 
