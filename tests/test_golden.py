@@ -34,11 +34,7 @@ from golden_numbers import (
     run_numbers,
     write_numbers,
 )
-from small_dives import write_half_pictures
-
-from calibration.formats import load_rig, native
-from calibration.resizing import resized_rig
-from calibration.verification.conventions import resolve_convention
+from small_dives import write_half_of_the_real_dive
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
@@ -61,16 +57,8 @@ REAL_FRAMES = (
 
 
 def half_of_the_real_dive(folder: Path) -> tuple[str, ...]:
-    """All pairs in pictures of half the size, whose water and map differ little from those of the
-    whole ones: half the time.
-    """
-    data = REAL_DATA / "acfr"
-    sides = {side: sorted((data / side).iterdir()) for side in ("left", "right")}
-    for side, files in sides.items():
-        write_half_pictures(files, folder / side)
-    first = [tuple(read_image(files[0]) for files in sides.values())]
-    rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)
-    native.write(resized_rig(rig, (680, 512)), folder / "cam.yaml")
+    """Its water and map differ little from those of the whole one: half the time."""
+    write_half_of_the_real_dive(REAL_DATA, folder)
     words = ("--left", folder / "left", "--right", folder / "right", "--calib", folder / "cam.yaml")
     return tuple(map(str, words))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from small_dives import write_half_of_the_real_dive
 
 from calibration.formats import load_rig, write_rig
 from calibration.verification.conventions import resolve_convention
@@ -104,9 +105,9 @@ def test_ranges_that_its_motion_contradicts_are_wrong(real_data: Path, tmp_path:
     """Refined, it is right; with a center along the baseline (its y axis) off by 5/1000 of the
     width ranges are 9 % too large, and lenses without their distortion have no cause in the table.
     """
-    sides = real_data / "acfr/left", real_data / "acfr/right"
-    calibrated = str(real_data / "acfr/stereo_calib.mat")
-    right = check(*sides, calibrated, refine=tmp_path / "right.yaml")
+    write_half_of_the_real_dive(real_data, tmp_path)
+    sides = tmp_path / "left", tmp_path / "right"
+    right = check(*sides, str(tmp_path / "cam.yaml"), refine=tmp_path / "right.yaml")
     assert right.acceptable and not right.is_wrong
     rig = load_rig(tmp_path / "right.yaml")
     moved, straight = rig.left.K.copy(), np.zeros(0)

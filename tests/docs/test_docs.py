@@ -37,6 +37,9 @@ ONLY_PRINT = ("evaluate", "inspect", "check", "doctor")
 ONLY_READ = ("compare", "metrics", "synthesize")
 """Commands whose results go to --out alone: what they read was made by the same lines before."""
 
+INTO_A_RUN = ("fuse", "report", "water")
+"""Commands that add to the folder of a run, which they name first."""
+
 MOST_BYTES = 200_000
 
 
@@ -63,31 +66,27 @@ def short_dive(root: Path) -> None:
         shutil.copy(ROOT / DIVE / file, root / DIVE / file)
 
 
-@pytest.fixture
-def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A short checkout, the working folder."""
-    short_dive(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 class Shell:
     """Runs the lines of shell blocks, and keeps what they made of the shorter dive.
 
     Pages repeat each other's lines: what was typed before, into a folder that was not there, is
-    copied instead of made again, and what only prints is not printed again. Any other ``run`` goes
-    on from the run with the defaults, so that only what its settings change is done.
+    copied instead of made again, as is what was done to such a folder since, and what only prints
+    is not printed again. Any other ``run`` goes on from the run with the defaults, so that only
+    what its settings change is done. fresh: a short checkout without what was made.
     """
 
     FIRST = "stereo-seecolor run --left left --right right --calib cam.yaml --out out"
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._made: dict[str, Path] = {}
+        self._made: dict[tuple[str, ...], Path] = {}
+        self._lines: dict[Path, tuple[str, ...]] = {}
+        """That made what is in a folder of the test that runs."""
         self._printed: set[str] = set()
-        short_dive(folder)
+        self.fresh = folder / "fresh"
+        short_dive(self.fresh)
         with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(folder / DIVE)
+            patch.chdir(shutil.copytree(self.fresh, folder / "first") / DIVE)
             self.run(self.FIRST, patch)
 
     def run(self, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,8 +99,6 @@ class Shell:
             f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
         )
         line = shlex.join(words)
-        again = "--left left" in line or words[1] in ONLY_READ
-        out = Path(words[words.index("--out") + 1]) if again and "--out" in words else None
         if line in self._printed:
             missing = [
                 word for word in words[2:] if not word.startswith("-") and not Path(word).exists()
@@ -110,15 +107,27 @@ class Shell:
             return
         if words[1] in ONLY_PRINT and "--refine" not in words:
             self._printed.add(line)
-        if out is None or out.exists() or "board" in line:
-            _program(words, monkeypatch)
-        elif line in self._made:
-            shutil.copytree(self._made[line], out)
+        again = ("--left left" in line or words[1] in ONLY_READ) and "board" not in line
+        if again and "--out" in words:
+            out = Path(words[words.index("--out") + 1]).absolute()
+        elif words[1] in INTO_A_RUN:
+            out = Path(words[2]).absolute()
         else:
-            if words[1] == "run" and "--shard" not in words and self._made:
-                shutil.copytree(self._made[self.FIRST], out)
+            out = None
+        if out is None or (out.exists() and out not in self._lines):
             _program(words, monkeypatch)
-            self._made[line] = Path(shutil.copytree(out, self._folder / f"made_{len(self._made)}"))
+            return
+        lines = (*self._lines.get(out, ()), line)
+        if lines in self._made:
+            shutil.rmtree(out, ignore_errors=True)
+            shutil.copytree(self._made[lines], out)
+        else:
+            if words[1] == "run" and "--shard" not in words and self._made and not out.exists():
+                shutil.copytree(self._made[(self.FIRST,)], out)
+            _program(words, monkeypatch)
+            place = self._folder / f"made_{len(self._made)}"
+            self._made[lines] = Path(shutil.copytree(out, place))
+        self._lines[out] = lines
 
 
 def _program(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,6 +142,14 @@ def _program(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def shell(tmp_path_factory: pytest.TempPathFactory) -> Shell:
     return Shell(tmp_path_factory.mktemp("shell"))
+
+
+@pytest.fixture
+def checkout(shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A short checkout, the working folder."""
+    shutil.copytree(shell.fresh, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shell: Shell) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import REEF, Cli, CopyRun, Dive, SampleRun, command, contents
+from conftest import GIVEN_POSES, REEF, Cli, CopyRun, Dive, SampleRun, command, contents
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
@@ -294,7 +294,7 @@ def test_the_page_takes_at_most_15_percent_of_a_lean_folder_and_images_of_the_ma
 ) -> None:
     out = sample_run.copy(tmp_path / "out")
     sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
-    lean = ("--set", "output.preset=lean", "--fuse")
+    lean = ("--set", "output.preset=lean", "--fuse", *GIVEN_POSES)
     code, said = command("run", *sides, "--out", out, *lean)
     assert code == 0, said
     shutil.rmtree(out / "clouds", ignore_errors=True)  # of the run before, with other settings

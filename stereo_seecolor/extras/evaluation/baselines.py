@@ -10,6 +10,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array], Array]
@@ -144,29 +145,22 @@ def local_space_average(direct: Array, range_m: Array) -> Array:
     z: Array = cv2.resize(range_m, size, interpolation=cv2.INTER_NEAREST)
     small: Array = cv2.resize(direct, size, interpolation=cv2.INTER_NEAREST)
     near = 0.1 * (np.nanmax(range_m) - np.nanmin(range_m)) + 1e-6
-    known = np.isfinite(z)
-    small = np.where(known[..., None], small, 0.0)
-    average, weight = small.copy(), 0.02
-    padded_z = np.pad(z, 1, constant_values=np.nan)
-    with np.errstate(invalid="ignore"):
-        joined = [np.abs(_shifted(padded_z, dy, dx) - z) < near for dy, dx in _NEIGHBORS]
-    number = np.maximum(sum(mask.astype(np.float64) for mask in joined), 1)[..., None]
+    small = np.where(np.isfinite(z)[..., None], small, 0.0).reshape(-1, 3)
+    average, weight = small, 0.02
+    cells = np.arange(z.size).reshape(z.shape)
+    side = [(cells[1:], cells[:-1]), (cells[:, 1:], cells[:, :-1])]
+    one, other = (np.concatenate([each[k].ravel() for each in side]) for k in (0, 1))
+    joined = np.abs(z.flat[one] - z.flat[other]) < near
+    rows, columns = (
+        np.concatenate(ends)[np.tile(joined, 2)] for ends in ((one, other), (other, one))
+    )
+    number = np.maximum(np.bincount(rows, minlength=z.size), 1)
+    neighbors = csr_array(((1 - weight) / number[rows], (rows, columns)), shape=(z.size, z.size))
     for _ in range(_AVERAGING_STEPS):
-        padded = np.pad(average, ((1, 1), (1, 1), (0, 0)))
-        around = sum(
-            _shifted(padded, dy, dx) * mask[..., None]
-            for (dy, dx), mask in zip(_NEIGHBORS, joined, strict=True)
-        )
-        average = (1 - weight) * np.asarray(around) / number + weight * small
+        average = neighbors @ average + weight * small
+    average = average.reshape(*z.shape, 3)
     grown: Array = cv2.resize(2.0 * average, (width, height), interpolation=cv2.INTER_LINEAR)
     return grown
-
-
-_NEIGHBORS = ((-1, 0), (1, 0), (0, -1), (0, 1))
-
-
-def _shifted(padded: Array, dy: int, dx: int) -> Array:
-    return padded[1 + dy : padded.shape[0] - 1 + dy, 1 + dx : padded.shape[1] - 1 + dx]
 
 
 def _best_rates(
