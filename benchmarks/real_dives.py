@@ -57,6 +57,7 @@ DRAWS = 3
 Row = tuple[str, str, str]
 """What, on what it was measured, the number."""
 
+
 @dataclass(frozen=True)
 class Dive:
     """The reef dive as published, and where results lie."""
@@ -78,6 +79,7 @@ class Dive:
             self.data / "stereo_calib.mat",
         ]
         return ["run", *sides, "--out", out, *more]
+
 
 def the_dive(dive: Dive) -> Iterator[Row]:
     """One command, from the pairs to the map."""
@@ -104,6 +106,7 @@ def the_dive(dive: Dive) -> Iterator[Row]:
     )
     yield "fraction with a range, of the frame", "mean of 20 frames", f"{known[:, 1].mean():.1%}"
 
+
 def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
     found = run.rig.refinement
     if found is None:
@@ -120,6 +123,7 @@ def _rows(dive: Dive, run: FinishedRun) -> Iterator[Row]:
         f"{check.pairs} pairs that took no part",
         f"{check.row_error_px:.2f} px",
     )
+
 
 def _track(dive: Dive) -> Iterator[Row]:
     """The own track's positions against the survey's, which both are of the left camera's
@@ -143,6 +147,7 @@ def _track(dive: Dive) -> Iterator[Row]:
     )
     yield "own track: scale", against, f"{scale - 1:+.2%}"
 
+
 def _known_fractions(run: FinishedRun, frame: FinishedFrame) -> tuple[float, float]:
     """Of the pixels that both cameras see, by ranges carried over where none was measured; and of
     the frame.
@@ -159,6 +164,7 @@ def _known_fractions(run: FinishedRun, frame: FinishedFrame) -> tuple[float, flo
     both = (columns >= 0) & (columns <= pair.image_size[0] - 1)
     known = np.isfinite(np.rot90(range_m, -turns))
     return float(known[both].mean()), float(known.mean())
+
 
 def navigation(dive: Dive) -> Iterator[Row]:
     """The survey's poses as navigation: as they are, and disturbed; the map's rugosity must
@@ -181,15 +187,18 @@ def navigation(dive: Dive) -> Iterator[Row]:
     noise = "poses of the survey with 10 cm, 3 cm and 2 degrees of noise"
     yield noise, f"{DRAWS} random sets", changes
 
+
 def _rugosity(dive: Dive, times_s: np.ndarray, T: np.ndarray) -> float:
     poses = dive.work / "poses.tum"
     write_tum(poses, Trajectory(("",) * len(T), times_s, T))
     execute(TREE, "fuse", dive.out, "--poses", poses, "--set", "mapping.poses_of=raw")
     return _last_rugosity(dive)
 
+
 def _last_rugosity(dive: Dive) -> float:
     with (dive.out / "map" / "reef_metrics.csv").open(encoding="utf-8") as file:
         return float(next(csv.DictReader(file))["linear_rugosity"])
+
 
 def calibrations(data: Path) -> Iterator[Row]:
     """Every calibration, and its baseline."""
@@ -204,6 +213,7 @@ def calibrations(data: Path) -> Iterator[Row]:
             f"{expected_mm:g} mm stored",
             f"{along_mm:.2f} mm",
         )
+
 
 def malformed(data: Path, work: Path) -> Iterator[Row]:
     """Damaged copies of the binary files, each read in a process of its own."""
@@ -233,6 +243,7 @@ def malformed(data: Path, work: Path) -> Iterator[Row]:
     for said in wrong[:5]:
         print("not refused:", said, file=sys.stderr)
 
+
 def _damaged(seeds: list[Path], work: Path) -> Iterator[Path]:
     """Cut short, bytes changed, lengths made huge, blocks repeated or left out; the same on every
     run.
@@ -258,6 +269,7 @@ def _damaged(seeds: list[Path], work: Path) -> Iterator[Path]:
         path.write_bytes(bytes(content))
         yield path
 
+
 def _read_damaged(path: Path, size: tuple[int, int]) -> tuple[str, float, float, str]:
     """(read, refused or error; seconds; MiB that the process grew by; what was said)."""
     receiver, sender = os.pipe()
@@ -280,6 +292,7 @@ def _read_damaged(path: Path, size: tuple[int, int]) -> tuple[str, float, float,
         text or f"{path}: crashed",
     )
 
+
 def _read_one(path: Path, size: tuple[int, int]) -> str:
     try:
         load_rig(path, size)
@@ -293,10 +306,12 @@ def _read_one(path: Path, size: tuple[int, int]) -> str:
         return f"error:{path}: {type(error).__name__}: {error}"
     return "read:"
 
+
 def table(title: str, rows: list[Row]) -> str:
     """A heading and a table."""
     lines = [f"## {title}", "", "| what | measured on | result |", "| --- | --- | --- |"]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows), ""])
+
 
 INTRODUCTION = """# Real dives
 
@@ -313,6 +328,7 @@ python benchmarks/real_dives.py DATA
 END = """`tests/mapping/test_real_navigation.py` tests on this dive that wrong axes, units, norths and clocks, and poses on wrong frames, are named, and that the published poses are not.
 """  # noqa: E501
 
+
 def page(data: Path, work: Path) -> str:
     """The page with all tables."""
     dive = Dive(data / "acfr", work)
@@ -325,6 +341,7 @@ def page(data: Path, work: Path) -> str:
         f"Python {platform.python_version()}, {platform.machine()}.\n",
     ]
     return "\n".join(parts)
+
 
 def main() -> None:
     """Measure all, and write the page."""
@@ -340,6 +357,7 @@ def main() -> None:
         work.mkdir(parents=True, exist_ok=True)
         words.out.write_text(page(words.data.resolve(), work), encoding="utf-8")
     print(words.out.read_text(encoding="utf-8"))
+
 
 if __name__ == "__main__":
     main()
