@@ -10,6 +10,7 @@ import numpy as np
 from calibration.errors import counted
 from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.trajectories import given_trajectory, trajectory_files
@@ -96,6 +97,7 @@ def fuse(
             summary = build_map(
                 frames, frames.geometry, building, config.mapping, trajectory, workspace
             )
+        return_freed()
         describe_frames(folder)
     warnings = (
         *summary.warnings,
@@ -125,6 +127,7 @@ def _stages_of(listener: Listener, first_run: bool) -> Callable[[str, int, int],
     def progress(what: str, done: int, total: int) -> None:
         nonlocal current
         if what != current:
+            return_freed()
             current = what
             listener.begin(f"{what} ({STAGE})" if first_run else what, total)
         listener.advance(FrameRow(f"{done}"))

@@ -37,6 +37,16 @@ def tune_malloc() -> None:
             mallopt(parameter, value)
 
 
+def return_freed() -> None:
+    """Return the memory that ``tune_malloc`` keeps to the system, between stages that have little
+    in common; does nothing without the GNU C library.
+    """
+    if sys.platform.startswith("linux"):
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
+
+
 NEW_OBJECTS, ROUNDS = 50_000, 10
 """New containers before the youngest generation is collected, 700 by default; and collections
 before older generations are. Images are freed at once by reference counting; only small objects in

@@ -1,6 +1,8 @@
 """Binary little-endian PLY: a pair's colored points, and the clouds and meshes of a map."""
 
+import mmap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +111,15 @@ def _records(path: Path, record: np.dtype[np.void], offset: int, count: int) -> 
     if path.stat().st_size < offset + count * record.itemsize:
         raise _damaged(path, "it is truncated")
     return np.memmap(path, record, "r", offset, (count,)) if count else np.zeros(0, record)
+
+
+def let_go(*mapped: NDArray[Any]) -> None:
+    """Return the memory of mapped files that were read to the system, where it can; they are read
+    again where they are used.
+    """
+    for array in mapped:
+        if isinstance(array, np.memmap) and hasattr(mmap, "MADV_DONTNEED"):
+            array._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
 
 
 def encode_cloud(range_m: Map, rays: NDArray[np.float32], rgb: Image) -> memoryview:

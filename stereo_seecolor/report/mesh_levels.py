@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.free_memory import at_once
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.files.ply import let_go, read_triangles, read_vertices
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.mapping.surface.kernels import packed
 from stereo_seecolor.mapping.surface.small_holes import closed
@@ -117,6 +117,7 @@ class MeshSource:
             middles = _middles(points_m, part)
             boxes.append(np.concatenate([middles.min(axis=0), middles.max(axis=0)]))
             low_z_m = min(low_z_m, float(points_m[part[:, 0], 2].min()))
+            let_go(points_m, triangles)
         return cls(points_m, colors, triangles, np.array(boxes).reshape(-1, 4), low_z_m)
 
     @classmethod
@@ -136,6 +137,7 @@ class MeshSource:
         for start in range(0, len(self.triangles), PART):
             part = np.asarray(self.triangles[start : start + PART], np.int64)
             found |= _places(_middles(self.points_m, part), self.corner_m, edge_m)
+            let_go(self.points_m, self.triangles)
         return found
 
     def within(self, low_m: Floats, high_m: Floats) -> Numbered:
@@ -151,6 +153,7 @@ class MeshSource:
             np.asarray(self.points_m[number], np.float32),
             np.asarray(self.colors[number], np.uint8),
         )
+        let_go(self.points_m, self.triangles)
         inner = np.zeros(len(number), np.bool_)
         return Numbered(points, colors, number, inner, triangles)
 

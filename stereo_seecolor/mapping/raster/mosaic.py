@@ -295,7 +295,10 @@ def _paint(
     if not any(sees_any):
         return np.zeros((4, *cells.z_m.shape), np.uint8)
     if not all(sees_any):
-        colors, costs, weights = colors[sees_any], costs[sees_any], weights[sees_any]
+        # one copy at a time
+        colors = colors[sees_any]
+        costs = costs[sees_any]
+        weights = weights[sees_any]
     mean = np.zeros((*cells.z_m.shape, 3), np.float32)
     cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
     in_parts(

@@ -26,6 +26,10 @@ Integers = NDArray[np.int64]
 Result = TypeVar("Result")
 LEAST_LEFT = 0.05
 """Of a residual's variance; where the point took more, nothing is learned from it."""
+ROWS = 32
+"""Frames whose equations points are eliminated from at once: the products of their observations
+take some 20 MB, those of all frames would take more than all else.
+"""
 BEHIND = 1e6
 """Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one
 there looks better.
@@ -110,22 +114,47 @@ class BundleProblem:
         """Compute residuals in standard errors, (n, 3), as large as if no point's position had been
         fitted to them.
         """
-        off, by_point = np.empty_like(self.seen), np.empty((len(self.seen), 3, 3))
+        off, own = np.empty_like(self.seen), np.empty((len(self.seen), 3, 3))
 
-        def work(one: _FrameSightings) -> None:
-            off[one.which], by_point[one.which] = one.off, one.slopes()[1]
+        def weigh(one: _FrameSightings) -> None:
+            by_point = one.slopes()[1]
+            own[one.which] = by_point.transpose(0, 2, 1) @ by_point
 
-        self._each_frame(state, work)
-        own = np.add.reduceat(by_point.transpose(0, 2, 1) @ by_point, self.start[:-1])
-        along = by_point @ inverses(own)[self.point]
-        left = 1 - (by_point * along).sum(axis=2)  # the share of its variance that its point left
-        return np.asarray(off / np.sqrt(np.maximum(left, LEAST_LEFT)))
+        self._each_frame(state, weigh)
+        V = inverses(np.add.reduceat(own, self.start[:-1]))
+
+        def compare(one: _FrameSightings) -> None:
+            by_point = one.slopes()[1]
+            along = by_point @ V[self.point[one.which]]
+            # the share of its variance that its point left
+            left = 1 - (by_point * along).sum(axis=2)
+            off[one.which] = one.off / np.sqrt(np.maximum(left, LEAST_LEFT))
+
+        self._each_frame(state, compare)
+        return off
 
     def linearize(self, state: State, damping: float = 0.0) -> Linearized:
         """Set up the equations of a step: points are eliminated, but for those of which something
         is known. damping: by which the diagonal is larger (Marquardt).
         """
-        blocks, n = self._layout.zeros(), len(self.frame)
+        blocks = self._layout.zeros()
+        W, V, g = self._add_frames(blocks, state, damping)
+        kept = np.flatnonzero(self._own >= 0)
+        self._add_kept(blocks, kept, W, V, g)
+        V = inverses(V)
+        V[kept] = 0
+        self._eliminate(blocks, W, V, g)
+        self._add_priors(blocks, state)
+        self._add_known(blocks, state)
+        return Linearized(blocks, W, V, g)
+
+    def _add_frames(
+        self, blocks: FrameBlocks, state: State, damping: float
+    ) -> tuple[Array, Array, Array]:
+        """The equations of the frames; returns W (n, 3, 6), as in Linearized, the points' own
+        blocks (m, 3, 3) and right sides (m, 3).
+        """
+        n = len(self.frame)
         W, own, own_g = np.empty((n, 3, SIDE)), np.empty((n, 3, 3)), np.empty((n, 3))
 
         def work(one: _FrameSightings) -> None:
@@ -143,14 +172,7 @@ class BundleProblem:
         self._each_frame(state, work)
         V, g = np.add.reduceat(own, self.start[:-1]), np.add.reduceat(own_g, self.start[:-1])
         V[:, range(3), range(3)] *= 1 + damping
-        kept = np.flatnonzero(self._own >= 0)
-        self._add_kept(blocks, kept, W, V, g)
-        V = inverses(V)
-        V[kept] = 0
-        self._eliminate(blocks, W, V, g)
-        self._add_priors(blocks, state)
-        self._add_known(blocks, state)
-        return Linearized(blocks, W, V, g)
+        return W, V, g
 
     def moved(self, state: State, step: Linearized) -> State:
         """Move poses and points by the solution of the equations. Raises LinAlgError where they are
@@ -192,15 +214,23 @@ class BundleProblem:
         return list(core_pool().map(of, range(len(state.T)), inverse(state.T)))
 
     def _eliminate(self, blocks: FrameBlocks, W: Array, V: Array, own_g: Array) -> None:
-        """Take the points' Schur complement off the equations of the frames."""
+        """Take the points' Schur complement off the equations of the frames, of some rows at a
+        time.
+        """
         order, row_start = self._by_block
-        frames, points = SIDE * len(self._layout.place), 3 * len(V)
-        Y = (V[self.point[order]] @ W[order]).transpose(0, 2, 1)
-        to_points = bsr_array((Y, self.point[order], row_start), shape=(frames, points))
+        points = 3 * len(V)
         from_points = bsr_array(
-            (W, self._layout.place[self.frame], self.start), shape=(points, frames)
+            (W, self._layout.place[self.frame], self.start),
+            shape=(points, SIDE * len(self._layout.place)),
         )
-        blocks.subtract(to_points @ from_points, to_points @ own_g.ravel())
+        for first in range(0, len(self._layout.place), ROWS):
+            start = row_start[first : first + ROWS + 1]
+            which = order[start[0] : start[-1]]
+            Y = (V[self.point[which]] @ W[which]).transpose(0, 2, 1)
+            to_points = bsr_array(
+                (Y, self.point[which], start - start[0]), shape=(SIDE * (len(start) - 1), points)
+            )
+            blocks.subtract(first, to_points @ from_points, to_points @ own_g.ravel())
 
     def _add_kept(
         self, blocks: FrameBlocks, kept: Integers, W: Array, V: Array, own_g: Array

@@ -89,12 +89,12 @@ class FrameBlocks:
         at = SIDE * int(self.layout.place[block])
         self.g[at : at + SIDE] += g
 
-    def subtract(self, coupled: bsr_array, g: Array) -> None:
-        """Subtract blocks (6, 6) of a symmetric matrix, and of the right side, both in the order of
-        the places.
+    def subtract(self, first: int, coupled: bsr_array, g: Array) -> None:
+        """Subtract some rows of blocks (6, 6) of a symmetric matrix, and of the right side, both in
+        the order of the places, from that of ``first`` on.
         """
         size = self.layout.size
-        row = np.repeat(np.arange(len(coupled.indptr) - 1), np.diff(coupled.indptr))
+        row = first + np.repeat(np.arange(len(coupled.indptr) - 1), np.diff(coupled.indptr))
         column = coupled.indices
         within = (column <= row) & (row // size == column // size)
         across = (column <= row) & (row // size != column // size)
@@ -102,7 +102,7 @@ class FrameBlocks:
             blocks = parts.reshape(-1, size, SIDE, size, SIDE)
             i, j = row[chosen], column[chosen]
             blocks[j // size, i % size, :, j % size] -= coupled.data[chosen]
-        self.g[: len(g)] -= g
+        self.g[SIDE * first :][: len(g)] -= g
 
     def solve(self) -> Array:
         """Solve the system: (N, 6). Raises LinAlgError where it is singular."""

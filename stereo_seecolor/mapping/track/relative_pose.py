@@ -77,8 +77,8 @@ class RelativePose:
 
     T_a_b: Array
     covariance: Array
-    index_a: NDArray[np.int64]
-    index_b: NDArray[np.int64]
+    index_a: NDArray[np.int32]
+    index_b: NDArray[np.int32]
 
     def scaled(self, scale: float) -> "RelativePose":
         """Scale all lengths by a factor."""
@@ -178,7 +178,10 @@ def _fitted(
     kept = near[kept]
     if len(kept) < SETTINGS.min_inliers or not _spread_out(seen_b.points[kept], geometry):
         return None
-    return RelativePose(T, covariance, index_a[kept], index_b[kept])
+    # int32: a dive holds millions
+    return RelativePose(
+        T, covariance, index_a[kept].astype(np.int32), index_b[kept].astype(np.int32)
+    )
 
 
 def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from stereo_seecolor.mapping.surface.surface import only_used
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.frame_blocks import Integers
 from stereo_seecolor.mapping.track.image_space import Observed
@@ -43,11 +44,13 @@ def observations(
     features: by position on the track. A point of which one frame shows two features is none: one
     of its matches is wrong.
     """
+    frames = np.unique([ends for ends, _ in relations])
     stride = 1 + max(int(max(r.index_a.max(), r.index_b.max())) for _, r in relations)
-    a = np.concatenate([ends[0] * stride + r.index_a for ends, r in relations])
-    b = np.concatenate([ends[1] * stride + r.index_b for ends, r in relations])
-    nodes, ends = np.unique(np.concatenate([a, b]), return_inverse=True)
-    a, b = ends[: len(a)], ends[len(a) :]
+    start = {frame: stride * k for k, frame in enumerate(frames.tolist())}
+    a = np.concatenate([r.index_a + start[ends[0]] for ends, r in relations])
+    b = np.concatenate([r.index_b + start[ends[1]] for ends, r in relations])
+    nodes, both = only_used(np.stack([a, b]), stride * len(frames))
+    a, b = both
     points, labels = connected_components(
         coo_array((np.ones(len(a), bool), (a, b)), (len(nodes), len(nodes))), directed=False
     )
@@ -64,7 +67,7 @@ def observations(
         )
     ] = True
     kept = np.flatnonzero(chosen[label])
-    frame, feature = nodes[kept] // stride, nodes[kept] % stride
+    frame, feature = frames[nodes[kept] // stride], nodes[kept] % stride
     return TrackObservations(
         frame, np.unique(label[kept], return_inverse=True)[1], _observed(features, frame, feature)
     )
