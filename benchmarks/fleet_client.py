@@ -24,7 +24,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from stereo_seecolor.color.photometry.light_of_frames import PART
+from stereo_seecolor.color.photometry.light_of_frames import MEAN, PART, Differences
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -228,7 +228,8 @@ class Workers:
                 for held in (False, True):
                     value = step + 0.01 * rng.standard_normal(4)
                     found.append((i, other, (0, 30), (0, -30), value, 150, held))
-            return np.array([i, *others]), np.array(found, PART)
+            means = np.array([(i, (gains[i], 0.01, 0, -0.01))], MEAN)
+            return np.array([i, *others]), Differences(np.array(found, PART), means)
 
         return looked
 

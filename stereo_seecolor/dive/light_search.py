@@ -13,8 +13,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.light_model import ByFrame
 from stereo_seecolor.color.photometry.light_of_frames import (
-    PART,
-    Parts,
+    Differences,
     differences,
     solve_frames,
 )
@@ -36,8 +35,8 @@ from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
-Differing = tuple[NDArray[np.int64], Parts]
-"""A window's frame numbers, and the differences between parts of these frames."""
+Differing = tuple[NDArray[np.int64], Differences]
+"""A window's frame numbers, and the differences between these frames."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,8 @@ class LightSearch:
         light = solve_light(windows, names, self._size, allowed, is_sampled=is_sampled)
         used, offsets = nothing, None
         if light and allowed.gains and is_informative(recorded):
-            parts = self._joined(differences(window, light, self._size) for window in windows)
+            few = (differences(window, light, self._size) for window in windows)
+            parts = Differences.joined(few).parts
             offsets = offsets_about(parts, recorded) if len(parts) else None
             if offsets and explain(offsets):
                 used = recorded
@@ -173,14 +173,6 @@ class LightSearch:
             else:
                 light = replace(light, refused=offsets)
         return light and refit_color_after_water(light, windows, names, self._size), used
-
-    @staticmethod
-    def _joined(several: Iterable[Parts]) -> Parts:
-        """All parts, as bytes while they come in: a dive has millions."""
-        joined = bytearray()
-        for parts in several:
-            joined += parts.tobytes()
-        return np.frombuffer(joined, PART)
 
     def _of_frames(
         self,
@@ -195,16 +187,17 @@ class LightSearch:
         links: gets the frames of each window.
         """
 
-        def linked() -> Iterator[Parts]:
-            for frames, parts in windows:
+        def linked() -> Iterator[Differences]:
+            for frames, differing in windows:
                 links.add(frames)
-                yield parts
+                yield differing
 
         luminance, color = light.luminance.use, light.color.use
         solved = solve_frames(
-            self._joined(linked()),
+            Differences.joined(linked()),
             recorded,
             (luminance.shading, color.shading),
+            (light.luminance.error, light.color.error),
             (luminance.gains or None, color.gains or None),  # a sample does not judge other frames
         )
         measured = solved.measured & solved.gains.any()
@@ -215,7 +208,7 @@ class LightSearch:
             if flat.any()
             else ByFrame()
         )
-        return light.of_frames(gains, own, solved.offsets)
+        return light.of_frames(gains, own, solved.slopes, solved.offsets)
 
     def _examined(
         self, numbers: Sequence[int], look_at: "Callable[[Segment], list[Shown]]", parts: int

@@ -15,7 +15,13 @@ from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.light_of_frames import PART, Parts, solve_frames
+from stereo_seecolor.color.photometry.light_of_frames import (
+    ACROSS,
+    MEAN,
+    PART,
+    Differences,
+    solve_frames,
+)
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.recorded_exposure import (
     explain,
@@ -45,17 +51,31 @@ HALF = light_search.reduced(RECTIFICATION.pair, every=2)
 NO_SHADING = False, False
 
 
-def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> Parts:
-    """What frames one, two and four apart differ by: (F,) gains of luminance, none of color."""
+def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> Differences:
+    """What frames one, two and four apart differ by: (F,) gains of luminance, none of color. The
+    reef is even.
+    """
     rng, found = np.random.default_rng(1), []
     for i in range(FRAMES):
         for j in (i - 1, i - 2, i - 4):
             for held in (False, True) if j >= 0 else ():
                 value = gains[i] - gains[j] + rng.normal(0, noise)
-                found.append((i, j, (0, 20), (0, -20), (value, 0, 0, 0), 200, held))
+                at = 15 * (i - j)
+                found.append((i, j, (0, at), (0, -at), (value, 0, 0, 0), 200, held))
     parts = np.array(found, PART)
     parts["value"][rng.choice(len(found), wrong, replace=False), 0] += 1.0
-    return parts
+    means = [(frame, (gain, 0, 0, 0)) for frame, gain in enumerate(gains)]
+    return Differences(parts, np.array(means, MEAN))
+
+
+def without(found: Differences, frames: Sequence[int]) -> Differences:
+    """As if these frames showed nothing that others show."""
+    parts, means = found
+    kept = ~np.isin(parts["i"], frames) & ~np.isin(parts["j"], frames)
+    return Differences(parts[kept], means[~np.isin(means["frame"], frames)])
+
+
+NOTHING = Differences(np.zeros(0, PART), np.zeros(0, MEAN))
 
 
 def varying() -> NDArray[np.float64]:
@@ -76,15 +96,50 @@ def test_frames_that_nothing_was_held_against_have_no_gain() -> None:
     gains = varying()
     found = chained(gains, 0.02)
     cut = [100, 101, 102, 103, 104]
-    found = found[~np.isin(found["i"], cut) & ~np.isin(found["j"], cut)]
-    chain = solve_frames(found, np.zeros(FRAMES), NO_SHADING)
+    chain = solve_frames(without(found, cut), np.zeros(FRAMES), NO_SHADING)
     assert list(np.flatnonzero(~chain.measured)) == [100, 101, 102, 103, 104]
     assert np.abs(chain.gains[~chain.measured]).max() < 0.02
     assert np.abs(chain.gains - gains[:, None])[chain.measured].std() < 0.05
 
 
-@pytest.mark.parametrize("found", [chained(np.zeros(FRAMES), 0.02), np.zeros(0, PART)])
-def test_noise_is_no_gain(found: Parts) -> None:
+def test_an_exposure_that_stays_changed_is_followed_to_the_end() -> None:
+    """Halved after a third of the dive."""
+    gains = np.where(np.arange(FRAMES) < FRAMES // 3, 0.0, np.log(0.5))
+    chain = solve_frames(chained(gains, 0.002), np.zeros(FRAMES), NO_SHADING)
+    np.testing.assert_allclose(chain.gains[:, 0], gains - gains.mean(), atol=0.05)
+
+
+def test_a_reef_that_changes_for_good_is_not_evened_out() -> None:
+    """Sand, then corals of half its light, at one exposure."""
+    found = chained(np.zeros(FRAMES), 0.002)
+    found.means["light"][FRAMES // 3 :, 0] += np.log(0.5)
+    chain = solve_frames(found, np.zeros(FRAMES), NO_SHADING, chosen=(True, False))
+    assert np.abs(chain.gains).max() < 0.05
+
+
+@pytest.mark.slow
+def test_an_error_of_the_pattern_along_the_track_is_no_drift_of_gains() -> None:
+    found, slope = chained(np.zeros(FRAMES), 0.002), 0.03
+    along = (found.parts["at_i"][:, 1].astype(float) - found.parts["at_j"][:, 1]) / ACROSS
+    found.parts["value"][:, 0] += slope * along
+    certain, free = (
+        solve_frames(found, np.zeros(FRAMES), NO_SHADING, (error, 0.0), (True, False))
+        for error in (0.0, 0.05)
+    )
+    assert np.ptp(certain.gains) > 1.0
+    assert np.ptp(free.gains) < 0.05
+    np.testing.assert_allclose(free.slopes, [[0.0] * 3, [slope] * 3], atol=0.002)
+
+
+def test_gains_that_do_not_help_the_patches_left_out_are_not_used() -> None:
+    """The half that judges is of frames that do not differ."""
+    found = chained(varying(), 0.02)
+    found.parts["value"][found.parts["held"]] = 0.0
+    assert not solve_frames(found, np.zeros(FRAMES), NO_SHADING, chosen=(True, False)).gains.any()
+
+
+@pytest.mark.parametrize("found", [chained(np.zeros(FRAMES), 0.02), NOTHING])
+def test_noise_is_no_gain(found: Differences) -> None:
     assert not solve_frames(found, np.zeros(FRAMES), NO_SHADING).gains.any()
 
 
@@ -94,7 +149,7 @@ def test_gains_that_were_chosen_with_the_pattern_are_used() -> None:
     found = chained(gains, 0.002)
     assert not solve_frames(found, np.zeros(FRAMES), NO_SHADING).gains.any()
     np.testing.assert_allclose(
-        solve_frames(found, np.zeros(FRAMES), NO_SHADING, (True, False)).gains,
+        solve_frames(found, np.zeros(FRAMES), NO_SHADING, chosen=(True, False)).gains,
         np.repeat(gains[:, None], 3, axis=1),
         atol=0.02,
     )
@@ -245,9 +300,9 @@ def test_a_run_uses_the_exposures_of_its_table(tmp_path: Path) -> None:
 def test_records_behind_a_strobe_change_nothing() -> None:
     """The flash is shorter than any exposure time: frames are alike whatever is recorded."""
     recorded = varying()
-    assert not explain(offsets_about(chained(np.zeros(FRAMES), 0.02), recorded))
-    assert explain(offsets_about(chained(recorded, 0.02), recorded))
-    assert not explain(offsets_about(np.zeros(0, PART), recorded))
+    assert not explain(offsets_about(chained(np.zeros(FRAMES), 0.02).parts, recorded))
+    assert explain(offsets_about(chained(recorded, 0.02).parts, recorded))
+    assert not explain(offsets_about(NOTHING.parts, recorded))
 
 
 def test_gains_are_solved_about_the_records() -> None:
@@ -256,8 +311,7 @@ def test_gains_are_solved_about_the_records() -> None:
     gains = recorded.copy()
     gains[200] += 0.8
     found = chained(gains, 0.02)
-    found = found[(found["i"] != 100) & (found["j"] != 100)]
-    chain = solve_frames(found, recorded, NO_SHADING)
+    chain = solve_frames(without(found, [100]), recorded, NO_SHADING)
     np.testing.assert_allclose(chain.gains[100], recorded[100], atol=0.02)
     assert np.abs(chain.gains - gains[:, None]).max() < 0.12
     assert chain.measured.all()

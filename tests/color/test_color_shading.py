@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_map, shading_terms
-from stereo_seecolor.color.photometry.light_of_frames import ACROSS, PART, solve_frames
+from stereo_seecolor.color.photometry.light_of_frames import (
+    ACROSS,
+    MEAN,
+    PART,
+    Differences,
+    solve_frames,
+)
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -131,8 +137,8 @@ def test_gain_and_shading_of_a_chain_of_frames_come_back(frames: int) -> None:
                 value = terms[0] @ true[i] - terms[1] @ true[j] + gains[i] - gains[j]
                 value += rng.normal(0, 0.01) + (rng.random() < 0.02)
                 found.append((i, j, *at, (value, 0, 0, 0), 20, part % 2))
-    parts = np.array(found, PART)
-    solved = solve_frames(parts, np.zeros(frames), (True, False), (True, False))
+    parts = Differences(np.array(found, PART), np.zeros(0, MEAN))
+    solved = solve_frames(parts, np.zeros(frames), (True, False), chosen=(True, False))
     assert np.ptp(solved.shading, axis=2).max() < 1e-12
     # what stays in place on the reef no view tells from it
     assert np.std(solved.shading[..., 0] - true) < 0.4 * np.std(true)

@@ -6,13 +6,19 @@ the same patches.
 
 Pattern and trend with range have been solved before (in a long dive from a part of the frames).
 Medians over the patches in parts of the image represent the difference of two frames; the gains and
-shadings of all frames follow from these in one banded system. Shading is sunlight and shadows as
-wide as an image, at another place on the reef in the next frame: views cannot distinguish a shadow
-that stays in place from the color of the reef.
+shadings of all frames follow from these in one banded system.
+
+Two more unknowns belong to the whole dive. An error of the slopes of the pattern looks like a drift
+of gains along a line, so the slopes are solved again. The mean light of the reef is the same in
+each frame, with a large error, because the reef changes slowly along a dive: this decides between
+slope and drift, and bounds the drift of long chains. Shading is sunlight and shadows as wide as an
+image, at another place on the reef in the next frame: views cannot distinguish a shadow that stays
+in place from the color of the reef.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,18 +50,21 @@ class FramesSettings:
     """Least patches in a part."""
     half: float = 10.0
     """Number of patches with which a part has half of its largest weight."""
-    gain: tuple[float, float] = (0.3, 0.03)
-    """Prior standard deviation of the gain of a frame, luminance and color, logarithm."""
+    gain: tuple[float, float] = (3.0, 0.6)
+    """Prior standard deviation of the gain of a frame, luminance and color, logarithm: an exposure
+    may stay changed for the rest of a dive.
+    """
+    reef: tuple[float, float] = (2.0, 0.4)
+    """Standard error of the mean light of the reef in a frame, luminance and color, logarithm. On
+    synthetic dives it varies by 0.25 and 0.05 between frames; these are 8 times as much, because 60
+    neighboring frames count as one: the reef may change for good.
+    """
     outlier: float = 1.5
     """Robust standard deviations beyond which a part has less than half its weight (Cauchy): a
     wrong pose.
     """
-    floor: tuple[float, float] = (0.05, 0.01)
-    """Least standard deviation of luminance and of color of a whole image, logarithm: the error of
-    pattern and trend that all patches share.
-    """
-    floor_parts: float = 0.005
-    """The same of a part of an image."""
+    floor: float = 0.005
+    """Least standard deviation of a part, logarithm."""
     rounds: int = 5
     """Rounds with new weights."""
     offset: float = 0.03
@@ -84,6 +93,28 @@ test it. 22 bytes: a dive of 100,000 frames has five million of these.
 """
 Parts = NDArray[np.void]
 """(D,) of PART, those of two frames one after the other."""
+MEAN = np.dtype([("frame", "<i4"), ("light", "<f4", 4)])
+"""Mean over the patches of a frame of the logarithm of light without pattern and trend (luminance,
+color R, G, B).
+"""
+
+
+class Differences(NamedTuple):
+    """parts: differences between frames. means: (F,) of MEAN."""
+
+    parts: Parts
+    means: NDArray[np.void]
+
+    @classmethod
+    def joined(cls, several: "Iterable[Differences]") -> "Differences":
+        """Join the differences, as bytes while they come in: a dive has millions."""
+        parts, means = bytearray(), bytearray()
+        for one in several:
+            parts += one.parts.tobytes()
+            means += one.means.tobytes()
+        return cls(np.frombuffer(parts, PART), np.frombuffer(means, MEAN))
+
+
 Chosen = tuple[bool | None, bool | None]
 """Whether gains of luminance and of color are used; None = if they help."""
 
@@ -91,20 +122,21 @@ Chosen = tuple[bool | None, bool | None]
 @dataclass(frozen=True, eq=False)
 class LightOfFrames:
     """gains: (F, 3) logarithms, 0 where they do not help. shading: (F, SHADING, 3) coefficients,
-    or (F, 0, 3).
+    or (F, 0, 3). slopes: (2, 3) to add to the first coefficients of the pattern.
     measured (F,): frames that were compared. offsets: rms of luminance between frames, without and
     with gains and shading, on patches left out.
     """
 
     gains: Array
     shading: Array
+    slopes: Array
     measured: NDArray[np.bool_]
     offsets: tuple[float, float]
 
 
-def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Parts:
-    """Compute differences of the first frame of a window to each other one, with pattern and trend
-    removed.
+def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Differences:
+    """Compute differences of the first frame of a window to each other one, and its mean, with
+    pattern and trend removed.
 
     size: (width, height) of the images of the observations.
     """
@@ -131,90 +163,120 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
                 value = np.median((values[a] - values[b])[inside], axis=0)
                 pair = window.frames[0], window.frames[other]
                 found.append((*pair, *where, value, min(inside.sum(), 255), number % 2))
-    return np.array(found, PART)
+    means = [(window.frames[0], values[first].mean(axis=0))] if len(first) else []
+    return Differences(np.array(found, PART), np.array(means, MEAN))
 
 
 def solve_frames(
-    parts: Parts, known: Array, shading: tuple[bool, bool], chosen: Chosen = (None, None)
+    differing: Differences,
+    known: Array,
+    shading: tuple[bool, bool],
+    errors: tuple[float, float] = (0.0, 0.0),
+    chosen: Chosen = (None, None),
 ) -> LightOfFrames:
-    """Solve gains and shading of all frames.
+    """Solve gains and shading of all frames. They are not used where they enlarge the differences
+    of patches left out.
 
     known: (F,) logarithms of gains, the prior mean; a frame without overlap gets its own. shading:
-    whether luminance and color have shading.
+    whether luminance and color have shading. errors: standard errors of the pattern of luminance
+    and color.
     """
+    parts = differing.parts
     measured = np.zeros(len(known), np.bool_)
     measured[parts["i"]] = measured[parts["j"]] = True
-    held, own = parts[parts["held"]], np.zeros((4, len(known), 1 + SHADING * any(shading)))
-    own[0, :, 0] = known
-    raw = _offset(held, np.zeros_like(own), [0])
-    offsets = raw, _offset(held, own, [0])
-    for outputs, shaded, use in zip(([0], [1, 2, 3]), shading, chosen, strict=True):
-        before = _offset(held, own, outputs)
-        half = _solved(parts[~parts["held"]], own, outputs, shaded)
-        after = _offset(held, half, outputs)
+    fit, held = (differing._replace(parts=parts[parts["held"] == half]) for half in (False, True))
+    found = _Solution(np.zeros((4, len(known), 1 + SHADING * any(shading))), np.zeros((4, 2)))
+    raw = _offset(held.parts, found, _OUTPUTS[0])
+    found.own[0, :, 0] = known
+    offsets = raw, _offset(held.parts, found, _OUTPUTS[0])
+    for color, use in enumerate(chosen):
+        how = color, shading[color], errors[color]
+        before = _offset(held.parts, found, _OUTPUTS[color])
+        after = _offset(held.parts, _solved(fit, found, *how), _OUTPUTS[color])
         helps = before > SETTINGS.offset and after < SETTINGS.left * before
-        if helps if use is None else use:
-            own = _solved(parts, own, outputs, shaded)
-            offsets = (raw, after) if 0 in outputs else offsets
-    of_channels = np.moveaxis(own[:1] + own[1:], 0, 2)
-    return LightOfFrames(of_channels[:, 0], of_channels[:, 1:], measured | (known != 0), offsets)
+        if (helps if use is None else use) and after <= before:
+            found = _solved(differing, found, *how)
+            offsets = offsets if color else (raw, after)
+    own, slopes = (np.moveaxis(of[:1] + of[1:], 0, -1) for of in found)
+    return LightOfFrames(own[:, 0], own[:, 1:], slopes, measured | (known != 0), offsets)
 
 
 def offset_between(parts: Parts, known: Array) -> float:
     """Compute the rms of luminance between frames on patches left out, with (F,) known gains
     subtracted.
     """
-    return _offset(parts[parts["held"]], known[None, :, None], [0])
+    found = _Solution(known[None, :, None], np.zeros((1, 2)))
+    return _offset(parts[parts["held"]], found, _OUTPUTS[0])
 
 
-def _offset(parts: Parts, own: Array, outputs: Iterable[int]) -> float:
-    """rms over pairs of frames of the mean difference of their parts, ``own`` subtracted."""
+_OUTPUTS = (0,), (1, 2, 3)
+"""Luminance, and color."""
+
+
+class _Solution(NamedTuple):
+    """own: (4, F, 1 + SHADING) gain and shading of frames. slopes: (4, 2) of the pattern."""
+
+    own: Array
+    slopes: Array
+
+
+def _offset(parts: Parts, found: _Solution, outputs: Iterable[int]) -> float:
+    """rms over pairs of frames of the mean difference of their parts, the solution subtracted."""
     if not len(parts):
         return 0.0
     first = np.flatnonzero(np.any([np.diff(parts[end], prepend=-1) for end in "ij"], axis=0))
     patches = parts["patches"].astype(np.float64)
     number, squares = np.add.reduceat(patches, first), []
     for output in outputs:
-        off = parts["value"][:, output] - _explained(parts, own[output])
+        off = parts["value"][:, output] - _explained(parts, found.own[output], found.slopes[output])
         squares.append((np.add.reduceat(patches * off, first) / number) ** 2)
     return float(np.sqrt(np.average(np.mean(squares, axis=0), weights=number)))
 
 
-def _solved(parts: Parts, own: Array, outputs: Iterable[int], shaded: bool) -> Array:
-    """``own`` (4, F, 1 + SHADING) as prior mean, solved for these outputs."""
-    solved = own.copy()
-    for output in outputs if len(parts) else ():
-        color = min(output, 1)
-        prior = np.array([SETTINGS.gain[color], *shading_deviations((LUMINANCE, COLOR)[color])])
-        unknowns = prior.size if shaded else 1
-        value = parts["value"][:, output] - _explained(parts, own[output])
-        floor = SETTINGS.floor_parts if shaded else SETTINGS.floor[color]
-        found = _chain(parts, value, prior[:unknowns] ** -2.0, floor, own.shape[1])
-        found[:, 0] -= found[:, 0].mean()
-        solved[output, :, :unknowns] += found
-    return solved
-
-
-def _chain(parts: Parts, value: Array, prior: Array, floor: float, frames: int) -> Array:
-    """(F, K) unknowns of frames about 0 whose differences are the values: Cauchy weights."""
+def _solved(
+    differing: Differences, found: _Solution, color: int, shaded: bool, error: float
+) -> _Solution:
+    """The solution with luminance (0) or color (1) solved about it. error: of the pattern."""
+    parts, means = differing
+    own, slopes = found.own.copy(), found.slopes.copy()
+    about = shading_deviations((LUMINANCE, COLOR)[color])
+    prior = np.array([SETTINGS.gain[color], *about])[: 1 + SHADING * shaded] ** -2.0
+    shared = np.array([max(error, _LEAST), max(error, _LEAST), 1 / _LEAST]) ** -2.0
     patches = parts["patches"].astype(np.float64)
     least = patches / (patches + SETTINGS.half)
-    weight = least / floor**2
-    for _ in range(SETTINGS.rounds):
-        own = _least_squares(parts, value, weight, prior, frames)
-        off = value - _explained(parts, own)
-        scale = max(deviation_about_zero(off), floor)
-        weight = least / (scale**2 + (off / SETTINGS.outlier) ** 2)
-    return own
+    for output in _OUTPUTS[color] if len(parts) else ():
+        value = parts["value"][:, output] - _explained(parts, own[output], slopes[output])
+        mean = means["light"][:, output] - own[output, means["frame"], 0]
+        weight = least / SETTINGS.floor**2
+        for _ in range(SETTINGS.rounds):
+            system = _System.of(parts, value, weight, prior, own.shape[1])
+            system.add_means(means["frame"], mean, SETTINGS.reef[color] ** -2.0)
+            frames, whole = system.solved(shared)
+            off = value - _explained(parts, frames, whole[:2])
+            scale = max(deviation_about_zero(off), SETTINGS.floor)
+            weight = least / (scale**2 + (off / SETTINGS.outlier) ** 2)
+        frames[:, 0] -= frames[:, 0].mean()
+        own[output, :, : len(prior)] += frames
+        slopes[output] += whole[:2]
+    return _Solution(own, slopes)
 
 
-def _explained(parts: Parts, own: Array) -> Array:
-    """(D,) the differences of the parts by gains and shadings, ``own`` (F, K)."""
+_LEAST = 1e-6
+"""Standard deviation of what is known, and one over that of what is not: the mean of the reef."""
+
+
+def _explained(parts: Parts, own: Array, slopes: Array) -> Array:
+    """(D,) the differences of the parts by ``own`` (F, K) of frames and (2,) slopes."""
     i, j = (
         np.einsum("dk,dk->d", _terms(parts[f"at_{end}"], own.shape[1]), own[parts[end]])
         for end in "ij"
     )
-    return np.asarray(i - j)
+    return np.asarray(i - j + _moved(parts) @ slopes)
+
+
+def _moved(parts: Parts) -> Array:
+    """(D, 2) the terms of the slopes: places in i less those in j."""
+    return np.asarray((parts["at_i"].astype(np.float64) - parts["at_j"]) / ACROSS)
 
 
 def _terms(at: NDArray[np.int8], number: int) -> Array:
@@ -223,40 +285,71 @@ def _terms(at: NDArray[np.int8], number: int) -> Array:
     return ones if number == 1 else np.concatenate([ones, shading_terms(at / ACROSS)], axis=1)
 
 
-def _least_squares(parts: Parts, value: Array, weight: Array, prior: Array, frames: int) -> Array:
-    """Solve (frames, K) unknowns of frames from weighted differences between them: least squares
-    with a prior mean of 0.
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Normal equations of K unknowns of each frame, and of what all frames share: two slopes and
+    the mean of the reef.
 
-    value, weight: (D,). prior: (K,) precisions.
+    blocks (reach, F, K, K): of frame j + back with frame j, by back. border (F, K, 4): of frames
+    with what they share; last, the right side. corner (3, 4): of what they share.
     """
-    reach, own = int((parts["i"] - parts["j"]).max()) + 1, len(prior)
-    blocks, slope = np.zeros((reach, frames, own, own)), np.zeros((frames, own))
-    blocks[0] += np.diag(prior)
-    for start in range(0, len(value), AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        w, ends = weight[some, None], [parts[end][some] for end in "ij"]
-        both = [_terms(parts[f"at_{end}"][some], own) for end in "ij"]
-        for frame, of_frame, sign in zip(ends, both, (1, -1), strict=True):
-            np.add.at(blocks[0], frame, np.einsum("dp,dq->dpq", w * of_frame, of_frame))
-            np.add.at(slope, frame, sign * w * of_frame * value[some, None])
-        products = np.einsum("dp,dq->dpq", w * both[0], both[1])
-        np.add.at(blocks, (ends[0] - ends[1], ends[1]), -products)
-    band = np.zeros((reach * own, frames * own), order="F")
-    for back in range(reach):
-        for p in range(own):
-            for q in range(own if back else p + 1):
-                band[back * own + p - q, q::own] = blocks[back, :, p, q]
-    return _solve_banded(band, slope.ravel()).reshape(frames, own)
+
+    blocks: Array
+    border: Array
+    corner: Array
+
+    @classmethod
+    def of(cls, parts: Parts, value: Array, weight: Array, prior: Array, frames: int) -> "_System":
+        """The equations of the (D,) values of the parts. prior: (K,) precisions about 0."""
+        reach, own = int((parts["i"] - parts["j"]).max()) + 1, len(prior)
+        blocks, border = np.zeros((reach, frames, own, own)), np.zeros((frames, own, 4))
+        corner = np.zeros((3, 4))
+        blocks[0] += np.diag(prior)
+        for start in range(0, len(value), AT_ONCE):
+            some = parts[start : start + AT_ONCE]
+            w, ends = weight[start : start + AT_ONCE, None], [some[end] for end in "ij"]
+            both = [_terms(some[f"at_{end}"], own) for end in "ij"]
+            shared = np.zeros((len(some), 4))
+            shared[:, :2], shared[:, 3] = _moved(some), value[start : start + AT_ONCE]
+            for frame, of_frame, sign in zip(ends, both, (1, -1), strict=True):
+                np.add.at(blocks[0], frame, np.einsum("dp,dq->dpq", w * of_frame, of_frame))
+                np.add.at(border, frame, sign * np.einsum("dp,dq->dpq", w * of_frame, shared))
+            products = np.einsum("dp,dq->dpq", w * both[0], both[1])
+            np.add.at(blocks, (ends[0] - ends[1], ends[1]), -products)
+            corner += (w * shared[:, :3]).T @ shared
+        return cls(blocks, border, corner)
+
+    def add_means(self, frame: NDArray[np.signedinteger], mean: Array, precision: float) -> None:
+        """Add the mean light of some frames: gain and mean of the reef."""
+        self.blocks[0, frame, 0, 0] += precision
+        self.border[frame, 0, 2] += precision
+        self.border[frame, 0, 3] += precision * mean
+        self.corner[2, 2:] += precision * np.array([len(mean), mean.sum()])
+
+    def solved(self, prior: Array) -> tuple[Array, Array]:
+        """Solve (F, K) unknowns of frames, and (3,) shared ones of precisions ``prior`` about 0."""
+        reach, frames, own, _ = self.blocks.shape
+        band = np.zeros((reach * own, frames * own), order="F")
+        for back in range(reach):
+            for p in range(own):
+                for q in range(own if back else p + 1):
+                    band[back * own + p - q, q::own] = self.blocks[back, :, p, q]
+        border = self.border.reshape(-1, 4)
+        inner = _solve_banded(band, border)
+        left = self.corner - border[:, :3].T @ inner
+        whole = np.asarray(np.linalg.solve(left[:, :3] + np.diag(prior), left[:, 3]), np.float64)
+        each = np.asarray(inner[:, 3] - inner[:, :3] @ whole, np.float64)
+        return each.reshape(frames, own), whole
 
 
-def _solve_banded(band: Array, slope: Array) -> Array:
-    """(N,) solution of a positive definite system of diagonals (reach, N), both overwritten."""
-    size = len(slope)
+def _solve_banded(band: Array, right: Array) -> Array:
+    """(N, Q) solutions of a positive definite system of diagonals (reach, N), overwritten."""
+    size = len(right)
     if size > DENSE:
         from scipy.linalg import solveh_banded
 
-        return np.asarray(solveh_banded(band, slope, True, True, lower=True))
+        return np.asarray(solveh_banded(band, right, True, lower=True))
     lower = np.zeros((size, size))
     for back, diagonal in enumerate(band[:size]):
         lower[np.arange(back, size), np.arange(size - back)] = diagonal[: size - back]
-    return np.asarray(np.linalg.solve(lower + np.tril(lower, -1).T, slope), np.float64)
+    return np.asarray(np.linalg.solve(lower + np.tril(lower, -1).T, right), np.float64)

@@ -150,12 +150,18 @@ class SurveyLight:
         )
 
     def of_frames(
-        self, gains: _ByName, shading: _ByName, offsets: tuple[float, float]
+        self,
+        gains: _ByName,
+        shading: _ByName,
+        slopes: NDArray[np.float64],
+        offsets: tuple[float, float],
     ) -> "SurveyLight":
-        """Return the light with these gains and shading of frames, by name."""
-        return replace(
-            self, solved=replace(self.solved, gains=gains, shading=shading), offsets=offsets
-        )
+        """Return the light with these gains and shading of frames, by name, and with (2, 3) slopes
+        added to the pattern.
+        """
+        coefficients = self.solved.coefficients + np.pad(slopes, ((0, TERMS - 2), (0, 0)))
+        solved = replace(self.solved, coefficients=coefficients, gains=gains, shading=shading)
+        return replace(self, solved=solved, offsets=offsets)
 
     def content(self) -> dict[str, Any]:
         """Convert to the form in water.json."""
