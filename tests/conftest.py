@@ -98,6 +98,7 @@ first.
 SLOW_FIXTURES = {
     "sample_run",
     "waters_a_frame",
+    "one_water",
     "mapped_by_poses",
     "finished_demo",
     "fused_dive",
@@ -252,6 +253,16 @@ def waters_a_frame(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFacto
     code, said = command("run", *sides, "--out", out, "--set", "color.lock=frame")
     assert code == 0, said
     return out
+
+
+@pytest.fixture(scope="session")
+def one_water(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> SampleRun:
+    """The sample dive with one water for all frames; tests read it, or take a copy."""
+    out = sample_run.copy(tmp_path_factory.mktemp("one_water") / "out")
+    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
+    code, said = command("run", *sides, "--out", out, "--set", "color.lock=survey")
+    assert code == 0, said
+    return SampleRun(out, said)
 
 
 @pytest.fixture(scope="session")

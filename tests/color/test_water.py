@@ -21,21 +21,10 @@ SAMPLES = Path(__file__).parents[2] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
 
 
-ONE_WATER = ["color.lock=survey", "output.preset=no-clouds"]
-
-
-@pytest.fixture(scope="module")
-def one_water(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> SampleRun:
-    """The sample dive with one water for all frames; tests copy it."""
-    out = sample_run.copy(tmp_path_factory.mktemp("one_water") / "out")
-    run(*SIDES, out, load_config(overrides=ONE_WATER))
-    return SampleRun(out, "")
-
-
 @pytest.mark.slow
 def test_sample_dive_measures_its_own_water(one_water: SampleRun, tmp_path: Path) -> None:
     """Attenuation within 10 % of truth from matched ranges, and colors no worse for it."""
-    config = load_config(overrides=ONE_WATER)
+    config = load_config(overrides=["color.lock=survey"])
     one_water.copy(tmp_path / "first")
     measured = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")
     path, found = measured.path, measured.water

@@ -14,9 +14,9 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(EXAMPLES.parent), "MPLBACKEND": "A
 
 
 @pytest.mark.slow
-def test_script_runs_the_sample_dive(sample_run: SampleRun, tmp_path: Path) -> None:
-    """Into a finished run with other settings, whose ranges are those of this one."""
-    out = sample_run.copy(tmp_path / "out")
+def test_script_runs_the_sample_dive(one_water: SampleRun, tmp_path: Path) -> None:
+    """Into a finished run, of which it finds all frames done."""
+    out = one_water.copy(tmp_path / "out")
     command = [sys.executable, str(EXAMPLES / "sample_dive.py"), str(out)]
     shown = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
     assert shown.returncode == 0, shown.stderr
