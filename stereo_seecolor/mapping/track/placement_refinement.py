@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 class RefinementSettings:
     """How much is adjusted at once."""
 
-    # 0.95 GiB, half a minute; with fewer than 400 a frame nothing is won
+    # 0.45 GiB, half a minute; with fewer than 400 a frame nothing is won
     most_observations: int = 1_000_000
     # on average: what views of more overlap have beyond that leaves no less error
     most_a_frame: int = 1200
