@@ -56,8 +56,8 @@ class FramesSettings:
     """
     reef: tuple[float, float] = (2.0, 0.1)
     """Standard error of the mean light of the reef in a frame, luminance and color, logarithm. On
-    synthetic dives luminance varies by 0.25 between frames; 60 neighbors count as one frame, because
-    a reef may become darker for good. Color varies by 0.05, and changes little for good.
+    synthetic dives luminance varies by 0.25 between frames; 60 neighbors count as one frame,
+    because a reef may become darker for good. Color varies by 0.05, and changes little for good.
     """
     outlier: float = 1.5
     """Robust standard deviations beyond which a part has less than half its weight (Cauchy): a
