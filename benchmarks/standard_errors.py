@@ -196,7 +196,8 @@ class MappedReef:
     @cached_property
     def centers_m(self) -> Array:
         """Of the mesh's triangles: (T, 3)."""
-        return self.site.mesh.triangle_centers_m
+        mesh = self.site.mesh
+        return np.asarray(mesh.points_m[mesh.triangles].mean(axis=1))
 
     def mesh_over(self, grid: Grid) -> SiteMesh:
         """The part of the mesh over some cells."""

@@ -196,7 +196,7 @@ def test_documentation_builds_with_the_page_of_the_sample_dive_in_it(
     assert built.returncode == 0, built.stderr
     settings = (tmp_path / "configuration.html").read_text("utf-8")
     assert "color.lock" in settings
-    assert "stereo-seecolor run" in (tmp_path / "commands.html").read_text("utf-8")
+    assert "Folder of left images" in (tmp_path / "commands.html").read_text("utf-8")
     assert 'href="sample/index.html"' in (tmp_path / "page.html").read_text("utf-8")
     shown = {path.name for path in (tmp_path / "sample/page").iterdir()}
     assert (tmp_path / "sample/index.html").is_file() and {
