@@ -75,6 +75,10 @@ class FramesSettings:
 
 
 SETTINGS = FramesSettings()
+_OUTPUTS = (0,), (1, 2, 3)
+"""Luminance, and color."""
+_LEAST = 1e-6
+"""Standard deviation of what is known, and one over that of what is not: the mean of the reef."""
 ACROSS = 127
 """Steps of a position from the middle of an image to its edge."""
 PART = np.dtype(
@@ -133,6 +137,13 @@ class LightOfFrames:
     slopes: Array
     measured: NDArray[np.bool_]
     offsets: tuple[float, float]
+
+
+class _Solution(NamedTuple):
+    """own: (4, F, 1 + SHADING) gain and shading of frames. slopes: (4, 2) of the pattern."""
+
+    own: Array
+    slopes: Array
 
 
 def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Differences:
@@ -210,17 +221,6 @@ def offset_between(parts: Parts, known: Array) -> float:
     return _offset(parts[parts["held"]], found, _OUTPUTS[0])
 
 
-_OUTPUTS = (0,), (1, 2, 3)
-"""Luminance, and color."""
-
-
-class _Solution(NamedTuple):
-    """own: (4, F, 1 + SHADING) gain and shading of frames. slopes: (4, 2) of the pattern."""
-
-    own: Array
-    slopes: Array
-
-
 def _offset(parts: Parts, found: _Solution, outputs: Iterable[int]) -> float:
     """rms over pairs of frames of the mean difference of their parts, the solution subtracted."""
     if not len(parts):
@@ -260,10 +260,6 @@ def _solved(
         own[output, :, : len(prior)] += frames
         slopes[output] += whole[:2]
     return _Solution(own, slopes)
-
-
-_LEAST = 1e-6
-"""Standard deviation of what is known, and one over that of what is not: the mean of the reef."""
 
 
 def _explained(parts: Parts, own: Array, slopes: Array) -> Array:

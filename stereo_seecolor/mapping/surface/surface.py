@@ -56,8 +56,8 @@ class Surface:
 def only_used(
     indices: NDArray[np.integer], points: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Find the points that triangles (T, 3) use, of ``points`` in all: their numbers, and the
-    triangles by positions in these.
+    """Find the points that indices, such as triangles (T, 3), use, of ``points`` in all: their
+    numbers, and the indices by positions in these.
     """
     used = np.zeros(points, np.bool_)
     used[indices] = True
