@@ -1,5 +1,5 @@
-"""Checks of the inputs of a dive from its fitted water: exchanged channels, and ranges that are not
-in meters. Water sets bounds that no unit changes.
+"""A check for ranges that are not in meters, from the fitted water: water sets bounds that no unit
+changes.
 """
 
 from collections.abc import Mapping
@@ -9,33 +9,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.records import Water
 from stereo_seecolor.water.limits import LITTLE_RELIEF
-
-REDDER = 1.1
-"""Red over green of the backscatter. Of three real dives, by day and by strobe: at most 0.92;
-exchanged: 1.3 to 3.9.
-"""
-
-
-def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
-    """A note where backscatter is reddest and red is attenuated least; none otherwise.
-
-    Brown water, of peat or mud, has this order, too. In green water exchanged channels look like
-    another green water: no note.
-    """
-    different = list({id(water): water for water in waters.values()}.values())
-    if not different:
-        return ()
-    red, green, blue = np.median([water.gamma_inf for water in different], axis=0)
-    beta = np.median([water.beta for water in different], axis=0)
-    reddest = red > REDDER * green and green > blue
-    if not (reddest and beta[0] < beta[1] < beta[2]):
-        return ()
-    found = "the backscatter is reddest, and red is attenuated least, as only in brown water"
-    return (
-        f"water: {found}: if it was not brown, the files have red and blue exchanged: set "
-        "input.channels=bgr",
-    )
-
 
 LEAST_RED = 0.115
 """1/m. What the clearest ocean takes from a camera's red: 0.11 at 25 m of depth and 7 m of range,

@@ -15,11 +15,13 @@ from functools import partial
 from typing import Any
 
 from stereo_seecolor.checks.changes import LEFT_OUT
-from stereo_seecolor.checks.fitted_water import channel_order_notes, range_scale_notes
+from stereo_seecolor.checks.exchanged_channels import exchanged_channels_notes
+from stereo_seecolor.checks.fitted_water import range_scale_notes
 from stereo_seecolor.checks.odd_pairs import odd_among
+from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
-from stereo_seecolor.color.photometry.survey import CountedFrames, Fitter
+from stereo_seecolor.color.photometry.survey import CountedFrames, ExposureClass, add_to
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
@@ -51,6 +53,8 @@ LONG_DIVE = 10_000
 """Pairs of a dive beyond which their moment tables are added up in groups, by the workers, before
 the fit.
 """
+CHECKED = 5
+"""Pairs whose colors are checked for exchanged channels: files of one dive have one order."""
 
 FITTING = tuple(
     ROOT / "stereo_seecolor" / name for name in ("dive/light_search.py", "color/corrector.py")
@@ -186,17 +190,24 @@ def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[st
         if waters is not None:
             run.notes += kept.notes
             return waters
+    config = run.frames.config.color
     fitter = run.frames.source.corrector.survey_fitter(light.light, light.linked)
+    some = dict[int, ExposureClass]()
     if fitter.joins and len(run.pairs) > LONG_DIVE:
-        _join_groups(run, light.light, fitter)
+        for counted in _counted_groups(run, light.light):
+            fitter.join(counted)
+            add_to(some, counted.classes)
     else:
+        checked = {pair.name for pair in evenly_spaced(run.good_pairs, CHECKED)}
         for name, table in count_frames(run, light.light):
             fitter.add(name, table)
+            if name in checked:
+                add_to(some, CountedFrames.of([(name, table)], config).classes)
     waters = fitter.waters()
     notes = fitter.notes()
     # the paper's water has no white point, so that its veil takes part in the cast
-    if run.frames.config.color.method == "robust":
-        notes += channel_order_notes(waters)
+    if config.method == "robust":
+        notes += exchanged_channels_notes(some, config)
         notes += range_scale_notes(waters, given=not run.frames.source.makes_ranges)
     run.notes += notes
     if key:
@@ -212,7 +223,7 @@ def count_frames(run: DiveRun, light: Light | None) -> Iterator[tuple[str, Momen
         yield outcome.row.name, outcome.result
 
 
-def _join_groups(run: DiveRun, light: Light | None, fitter: Fitter) -> None:
+def _counted_groups(run: DiveRun, light: Light | None) -> Iterator[CountedFrames]:
     """Count groups of neighboring frames, whose moment tables the workers add up: a long dive has
     too many for one process.
     """
@@ -223,7 +234,7 @@ def _join_groups(run: DiveRun, light: Light | None, fitter: Fitter) -> None:
     for outcomes, counted in run.outcomes("waters", work, Groups(pairs), len(pairs)):
         for outcome in outcomes:
             run.note(outcome)
-        fitter.join(counted)
+        yield counted
 
 
 def _count_group(

@@ -1,36 +1,49 @@
 """Images that hold blue in the place of red are named, and read as the settings say."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from color_waters import clear_water
+from numpy.typing import NDArray
 
 from stereo_seecolor.checks.channel_order import channel_order
-from stereo_seecolor.checks.fitted_water import channel_order_notes
+from stereo_seecolor.checks.exchanged_channels import exchanged_channels_notes
 from stereo_seecolor.checks.sample import DiveImages
-from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.color.photometry.survey import CountedFrames
+from stereo_seecolor.color.table.counting import measure
+from stereo_seecolor.config import ColorConfig, InputConfig, RunConfig
+from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 
-VEILS = {
-    "clear": ((0.003, 0.015, 0.034), (0.60, 0.21, 0.11)),
-    "strobe": ((0.024, 0.026, 0.035), (0.57, 0.13, 0.09)),
-    "yellow": ((0.050, 0.080, 0.001), (0.60, 0.50, 1.40)),
+WATERS = {  # white point, attenuation, backscatter far away, its rate, of R, G, B
+    "deep ocean": ((0.05, 0.8, 1.1), (0.35, 0.09, 0.05), (0.005, 0.12, 0.24), (0.3, 0.09, 0.06)),
+    "turbid coast": ((0.6, 1.0, 0.6), (0.50, 0.36, 0.55), (0.09, 0.30, 0.17), (0.45, 0.33, 0.50)),
 }
 
 
-@pytest.mark.parametrize("name", VEILS)
+@pytest.mark.parametrize("name", WATERS)
 def test_exchanged_channels_are_named(name: str) -> None:
-    veil, attenuation = map(np.array, VEILS[name])
-    given = replace(clear_water("srgb"), gamma_inf=veil, beta=attenuation)
-    exchanged = replace(given, gamma_inf=veil[::-1], beta=attenuation[::-1])
-    assert channel_order_notes({"a": given, "b": given}) == ()
-    named = channel_order_notes({"a": exchanged, "b": exchanged})
-    assert len(named) == (name != "yellow")  # of which both orders may be
+    """Coastal water is nearly the same in both orders."""
+    white, attenuation, far, rate = map(np.array, WATERS[name])
+    rng = np.random.default_rng(5)
+    range_m = np.broadcast_to(np.geomspace(1.0, 5.0, 300), (200, 300)).astype(np.float32)
+    reef = rng.lognormal(-1.5, 0.7, (200, 300, 1)) * rng.lognormal(0.0, 0.15, (200, 300, 3))
+    reef *= [0.5, 0.4, 0.3]
+    z = range_m[..., None]
+    light = reef * white * np.exp(-attenuation * z) - far * np.expm1(-rate * z)
+    image = np.round(255 * encode_srgb(np.clip(light, 0, 1))).astype(np.uint8)
+
+    def notes(seen: NDArray[np.uint8]) -> tuple[str, ...]:
+        config = ColorConfig(input_encoding="srgb")
+        frames = CountedFrames.of([("a", measure(seen, range_m))], config)
+        return exchanged_channels_notes(frames.classes, config)
+
+    assert notes(image) == ()
+    named = notes(image[..., ::-1].copy())
+    assert len(named) == (name == "deep ocean")
     assert all("set input.channels=bgr" in line for line in named)
 
 

@@ -1,0 +1,45 @@
+"""A check for a dive whose images all have red and blue exchanged, from its colors over range.
+
+Each of the two orders is fitted with the same prior of waters, daylight, cameras and sea floors.
+The difference of the costs is the logarithm of the odds of the two orders.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from stereo_seecolor.color.photometry.survey import ExposureClass, usual_exposure
+from stereo_seecolor.config import ColorConfig
+
+LEAST_EVIDENCE = 5.0
+"""Logarithm of the odds, 150 to 1. Right files: at most -2.4 in FLSea (real, eight frames), 1.0 at
+a pile in green water (real), 2.3 in 80 synthetic scenes of Jerlov's waters. Exchanged ones are
+beyond it in seven frames of FLSea and in four of ten scenes; others look like another water.
+"""
+
+
+def exchanged_channels_notes(
+    classes: Mapping[int, ExposureClass], config: ColorConfig
+) -> tuple[str, ...]:
+    """Return a note where the colors of a dive fit known waters only with red and blue exchanged.
+
+    Args:
+        classes: Sums of the moment tables of some of its frames, by class of brightness.
+        config: Settings of the color stage.
+    """
+    if not classes:
+        return ()
+    # these load torch
+    from stereo_seecolor.color.fitting.robust import ENOUGH, fit_all
+    from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
+
+    table = usual_exposure(classes)[1].table
+    given = quantiles_by_range(table, config.encoding)
+    exchanged = replace(given, light=given.light[::-1].copy(), clipped=given.clipped[::-1].copy())
+    costs = fit_all([given, exchanged], config, enough=ENOUGH)[1]
+    if costs[0] - costs[1] < LEAST_EVIDENCE:
+        return ()
+    return (
+        "water: the colors and their change with range fit known waters better with red and blue "
+        "exchanged (odds of more than 100 to 1): if the water was not brown, set "
+        "input.channels=bgr",
+    )
