@@ -1,6 +1,7 @@
 """Calibration files that can be read in more than one way: images of the dive decide."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from calibration.checks import rows_off_px
 from calibration.errors import CalibrationError
 from calibration.rig import StereoRig
+from calibration.verification.causes import PENALTY, find_causes
 from calibration.verification.matches import (
     QUICK,
     Images,
@@ -21,6 +23,13 @@ CLEARLY_BETTER = 1.2
 which is the likeliest, is taken.
 On synthetic pairs a wrong reading is worse by a factor of two and more, or not told by them at all.
 """
+
+AS_CALIBRATED_PX = 1.0
+"""Rows that agree less are not those of the calibrated rig: a shift or an enlargement may fit a
+wrong reading better.
+"""
+FITS = "this reading fits the images"
+UNDECIDED = "the images do not decide, the most usual reading is taken"
 
 
 def resolve_convention(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
@@ -53,15 +62,37 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
             failure = error
     if not np.isfinite(min(errors_px)):
         raise failure
-    best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
+    best, verdict = _by_rows(errors_px)
+    if min(errors_px) > AS_CALIBRATED_PX:
+        best, verdict = _by_causes(readings, raw, best)
     others_px = [error for i, error in enumerate(errors_px) if i != best]
-    verdict = (
-        "this reading fits the images"
-        if min(others_px) > CLEARLY_BETTER * errors_px[best]
-        else "the images do not decide, the most usual reading is taken"
-    )
     doubt = (
         f"{readings[best].reading}: {verdict}: rows agree to {errors_px[best]:.1f} px, "
         f"otherwise to {', '.join(f'{error:.1f}' for error in others_px)} px"
     )
     return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))
+
+
+def _by_rows(errors_px: Sequence[float]) -> tuple[int, str]:
+    """Choose the reading whose rows agree best; say how sure that is."""
+    best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
+    others_px = [error for i, error in enumerate(errors_px) if i != best]
+    return best, FITS if min(others_px) > CLEARLY_BETTER * errors_px[best] else UNDECIDED
+
+
+def _by_causes(
+    readings: Sequence[StereoRig], raw: Sequence[Matches], usual: int
+) -> tuple[int, str]:
+    """Choose the reading of which the fewest and best causes explain the rows, where a camera has
+    moved or images are of another mode. usual: the one that is taken where they do not decide.
+    """
+    costs = []
+    for reading in readings:
+        found = None
+        with suppress(CalibrationError):
+            found = find_causes(reading, rectified_matches(reading, raw)).best
+        costs.append(found.misfit + PENALTY * len(found.causes) if found else np.inf)
+    order = np.argsort(costs, kind="stable")
+    if not costs[order[1]] > costs[order[0]] + PENALTY:
+        return usual, UNDECIDED
+    return int(order[0]), "this reading leaves the least to be explained by other faults"

@@ -44,7 +44,7 @@ class Explanation:
     def ranges(self) -> str:
         """What it does to ranges."""
         if not self.is_wrong and abs(self.range_error) <= RANGE_ERROR:
-            return "ranges are right to 2 %, or two standard errors"
+            return "this changes ranges by less than 2 %, or two standard errors"
         sure = "" if self.is_wrong else ", within two standard errors"
         return (
             f"ranges may be off by {100 * self.range_error:+.0f} +- {100 * self.range_std:.0f} %, "
