@@ -12,16 +12,17 @@ import pytest
 import yaml
 from calibration_binaries import SIZE, small_rig, stereo_objects, write_mat5
 from calibration_boards import rendered
-from drawn_rigs import drawn_dive, turned
+from drawn_rigs import affine, drawn_dive, turned
 from scipy.spatial.transform import Rotation
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
+from calibration.checks import rows_off_px
 from calibration.formats import load_rig, write_rig
 from calibration.formats.ros import rectified_rig, transform_of_projections
 from calibration.rectification import raw_points
 from calibration.verification.conventions import resolve_convention, settle_matches
-from calibration.verification.matches import Matches
+from calibration.verification.matches import Matches, rectified_matches
 
 RIG = small_rig()
 
@@ -246,6 +247,21 @@ def test_readings_that_fit_alike_are_not_called_settled() -> None:
     }
     assert "the images do not decide" in doubts["alike"]
     assert "this reading fits the images" in doubts["worse"]
+
+
+def test_a_reading_is_right_if_it_leaves_the_fewest_faults() -> None:
+    """Right images 15 px lower than calibrated: their rows agree better with the wrong reading."""
+    true = turned(pitch=0.008)
+    T = true.T_right_left.copy()
+    T[:3, :3] = T[:3, :3].T
+    wrong = replace(true, T_right_left=T)
+    drawn = drawn_dive(affine(y_px=15.0), pairs=3, given=true)
+    raw = [Matches(*raw_points(true, one.left, one.right)) for one in drawn.matches]
+    rows_px = [rows_off_px(one, rectified_matches(one, raw)) for one in (true, wrong)]
+    assert rows_px[1] < rows_px[0] - 5
+    settled = settle_matches(replace(wrong, alternatives=(true,)), raw)
+    np.testing.assert_array_equal(settled.R, true.R)
+    assert "the least to be explained by other faults" in settled.doubts[-1]
 
 
 LEFT = {"camera_matrix": RIG.left.K.tolist(), "dist_coeffs": RIG.left.distortion.tolist()}
