@@ -237,7 +237,7 @@ class RowCheck:
         """The report line by line, the verdict last."""
         verdict = "acceptable" if self.acceptable else "NOT acceptable"
         rows_alone = not (self.acceptable or self.ranges_are_wrong or self.odd)
-        only = ": rows alone; ranges are off by less than 2 %"
+        only = ": rows alone; nothing that was found changes ranges by 2 %"
         return [
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
             f"{self.row_error_px:.2f} px (median); {self._movement} leave "
