@@ -24,6 +24,7 @@ from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.color.response.measure import measure_response
 from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
@@ -392,7 +393,10 @@ def correct(
             correction,
             warnings=(*correction.warnings, AT_TYPICAL_RANGE.format(water.typical_range_m)),
         )
-    return correction.one_band() if is_monochrome(image) else correction
+    if not is_monochrome(image):
+        return correction
+    warnings = tuple(one for one in correction.warnings if not one.startswith(DOUBT))
+    return replace(correction.one_band(), warnings=warnings)
 
 
 def _carried_as_measured(

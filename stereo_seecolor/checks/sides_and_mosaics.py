@@ -1,4 +1,4 @@
-"""Checks for gray left images, and for Bayer mosaics that were read one column or row off."""
+"""Checks for left images without color, and for Bayer mosaics read one column or row off."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -30,18 +30,24 @@ and blue in turn, 0.15 to 0.45 of three colored dives; else at most 0.003."""
 
 
 def gray_side(images: DiveImages) -> DiveVerdict:
-    """Left images without color beside right ones with it: true color is that of left images."""
-    looked_at = evenly_spaced(images.pairs, LOOKED_AT)
+    """Left images without color, whose corrected images have none; wrong beside right ones with
+    it.
+    """
+    looked_at, of_right = evenly_spaced(images.pairs, LOOKED_AT), []
     for pair in looked_at:
         with suppress(InputError):
-            config = images.config.input
-            if _has_color(pair.left, config) or not _has_color(pair.right, config):
+            if _has_color(pair.left, images.config.input):
                 return NOTHING_FOUND
-    if not looked_at:
+            of_right.append(_has_color(pair.right, images.config.input))
+    if not of_right:
         return NOTHING_FOUND
+    which = f"input: the left images have no color ({looked_at[0].left.name})"
+    if not all(of_right):
+        return DiveVerdict(
+            (f"{which}: corrected images are gray, and have the water of green light",)
+        )
     note = (
-        "input: the left images have no color, but the right ones do "
-        f"({looked_at[0].left.name}): results have the colors of the left images, so they are "
+        f"{which}, but the right ones do: results have the colors of the left images, so they are "
         "gray; ranges do not depend on it: exchange --left and --right, and the cameras in "
         "the calibration with them, or give left images in color"
     )

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from stereo_seecolor.color.white_point import DOUBT, white_doubt
+from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.overview import DiveFacts, RowFacts
 from stereo_seecolor.report.texts import phrase
@@ -96,14 +96,11 @@ def _of_pixels(facts: RowFacts) -> list[str]:
     return reasons
 
 
-def _of_white(facts: DiveFacts) -> list[str]:
+def _of_white(facts: RowFacts) -> list[str]:
     """The doubt of the white point of most frames, as in frames.csv."""
-    doubts = [
-        white_doubt(water)
-        for water in {id(water): water for water in facts.waters.values()}.values()
-    ]
-    named = [f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts if doubt]
-    return named[:1] if len(named) > len(doubts) / 2 else []
+    doubts = [one for row in facts.pairs for one in row.warnings if one.startswith(DOUBT)]
+    named = [f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts]
+    return named[:1] if len(named) > len(facts.pairs) / 2 else []
 
 
 def _of_scale(facts: DiveFacts) -> list[str]:

@@ -43,7 +43,9 @@ def test_left_images_without_color_are_named(tmp_path: Path, suffix: str) -> Non
     (note,) = found.notes
     assert found.wrong == {"colors"}
     assert "left images have no color" in note and "exchange --left and --right" in note
-    assert gray_side(dive(tmp_path, left, left, suffix)).notes == ()  # of a monochrome rig
+    of_a_monochrome_rig = gray_side(dive(tmp_path, left, left, suffix))
+    assert not of_a_monochrome_rig.wrong
+    assert "corrected images are gray" in of_a_monochrome_rig.notes[0]
     assert gray_side(dive(tmp_path, pictures(), left, suffix)).notes == ()
     assert gray_side(DiveImages([], RunConfig())).notes == ()
 
