@@ -181,27 +181,22 @@ class Batch:
         qq, qu, wqq = (wq * q).sum(3), (wq * u).sum(3), wq * q
         uu, qr = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3)
         ur = (wu * r).sum(3) + k * over
-        water = torch.einsum("incg,jncg->ncij", by_a * qq + by_b * qu, by_a) + torch.einsum(
-            "incg,jncg->ncij", by_a * qu + by_b * uu, by_b
-        )
-        by_content = torch.einsum("incg,ncgp->ncip", by_a, wqq) + torch.einsum(
-            "incg,ncgp->ncip", by_b, wq * u
-        )
-        by_bright = (by_a * qq + by_b * qu).permute(1, 2, 0, 3)
-        along = (by_a * qr + by_b * ur).sum(3)
+        by_light = by_a * qq[:, :, None] + by_b * qu[:, :, None]
+        water = by_light @ by_a.mT + (by_a * qu[:, :, None] + by_b * uu[:, :, None]) @ by_b.mT
+        by_content = by_a @ wqq + by_b @ (wq * u)
+        by_bright = by_light.transpose(1, 2).flatten(1, 2)
+        along = (by_a * qr[:, :, None] + by_b * ur[:, :, None]).sum(3).mT
         matrix, slope = self.precision.clone(), pull.clone()
-        for c in range(3):
-            own = slice(c, WATER, 3)
-            mine = slice(WATER + c * quantiles, WATER + (c + 1) * quantiles)
-            matrix[:, own, own] += water[:, c]
-            for one, other, block in (
-                (own, mine, by_content),
-                (own, slice(-groups, None), by_bright),
-                (mine, slice(-groups, None), wqq.mT),
-            ):
-                matrix[:, one, other] += block[:, c]
-                matrix[:, other, one] += block[:, c].mT
-            slope[:, own] += along[:, :, c].T
+        # (N, 5, 3, 5, 3) and (N, 5, 3, 3, P): a channel has no part in another's
+        own = matrix[:, :WATER, :WATER].view(number, 5, 3, 5, 3)
+        own.diagonal(dim1=2, dim2=4).add_(water.permute(0, 2, 3, 1))
+        content_of = slice(WATER, -groups)
+        for other in (matrix, matrix.mT):
+            mine = other[:, :WATER, content_of].view(number, 5, 3, 3, quantiles)
+            mine.diagonal(dim1=2, dim2=3).add_(by_content.permute(0, 2, 3, 1))
+            other[:, :WATER, -groups:] += by_bright
+            other[:, content_of, -groups:] += wqq.mT.flatten(1, 2)
+        slope[:, :WATER] += along.flatten(1)
         matrix.diagonal(dim1=1, dim2=2)[:, WATER:] += torch.cat(
             [wqq.sum(2).reshape(number, -1), qq.sum(1)], 1
         )
@@ -211,26 +206,19 @@ class Batch:
         return Normal(cost, before, w, matrix, slope)
 
     def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
-        """log(A white), B (N, 3, G) and their derivatives by the five logarithms (5, N, 3, G)."""
+        """log(A white), B (N, 3, G); their derivatives by the five logarithms (N, 3, 5, G)."""
         number, _, groups, _ = self.log_light.shape
-        p = (
-            x[:, :WATER]
-            .view(number, 5, 3, 1)
-            .transpose(0, 1)
-            .expand(5, number, 3, groups)
-            .clone()
-            .requires_grad_()
-        )
-        far, near, beta, scatter, white = p
+        by_channel = x[:, :WATER].view(number, 5, 3, 1).transpose(1, 2)
+        # a copy for each of both: one backward pass tells their derivatives apart
+        p = by_channel.expand(2, number, 3, 5, groups).clone().requires_grad_()
+        far, near, _, _, white = p[0].unbind(2)
         y = far.exp()
         log_transmitted = white - optical_depth(
             self.z, torch.expm1(near) * y, RATE_OF_CHANGE, y, 0.0
         )
+        _, _, beta, scatter, white = p[1].unbind(2)
         veil = backscatter(self.z, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
-        by_a, by_b = (
-            torch.autograd.grad(part.sum(), p, retain_graph=True)[0]
-            for part in (log_transmitted, veil)
-        )
+        ((by_a, by_b),) = torch.autograd.grad((log_transmitted + veil).sum(), p)
         return log_transmitted.detach(), veil.detach(), (by_a, by_b)
 
 
@@ -264,33 +252,35 @@ def minimize(
 
 def _descend(batch: Batch, x: Tensor, odd: float, enough: float) -> Normal:
     """Move x (N, n) to the minimum, in place; returns what is there. odd: of ``Noise``."""
-    going = torch.ones(len(x), dtype=torch.bool)
+    found = now = batch.normal(x, odd)
+    going, at = torch.arange(len(x)), x.clone()
     damping = x.new_full((len(x),), STEPS.first_damping)
-    now = batch.normal(x, odd)
-    for _ in range(STEPS.most):
-        here, at, damp = batch.at(going), x[going], damping[going]
-        known = Normal(*(part[going] for part in now))
-        damped = known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
-        move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
+    for step in range(STEPS.most):
+        damped = now.matrix + (damping[:, None] * now.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+        move = _solved(damped, now.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
         moved = _monotonic(at - move)
-        trial = here.normal(moved, odd, known.weights)
-        better = trial.cost_before < known.cost
-        x[going] = torch.where(better[:, None], moved, at)
-        damping[going] = torch.where(
-            better,
-            (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
-            STEPS.more_damping * damp,
-        )
-        for whole, part in zip(now, trial.where(better, known), strict=True):
-            whole[going] = part
+        trial = batch.normal(moved, odd, now.weights)
+        better = trial.cost_before < now.cost
         small = better & (
             (move[:, :WATER].abs().amax(1) < STEPS.converged)
-            | (known.cost - trial.cost_before < enough)
+            | (now.cost - trial.cost_before < enough)
         )
-        going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
-        if not going.any():
-            break
-    return now
+        at, now = torch.where(better[:, None], moved, at), trial.where(better, now)
+        damping = torch.where(
+            better,
+            (STEPS.less_damping * damping).clamp(min=STEPS.least_damping),
+            STEPS.more_damping * damping,
+        )
+        ends = small | (damping >= STEPS.most_damping) | (step == STEPS.most - 1)
+        if ends.any():
+            x[going[ends]] = at[ends]
+            for whole, part in zip(found, now, strict=True):
+                whole[going[ends]] = part[ends]
+            if ends.all():
+                break
+            batch, now = batch.at(~ends), Normal(*(part[~ends] for part in now))
+            going, at, damping = going[~ends], at[~ends], damping[~ends]
+    return found
 
 
 def _monotonic(x: Tensor) -> Tensor:
