@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import GIVEN_POSES, REEF, Cli, CopyRun, Dive, SampleRun, command, contents
+from conftest import REEF, Cli, CopyRun, Dive, SampleRun, contents
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
