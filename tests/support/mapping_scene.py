@@ -159,7 +159,7 @@ class ReefFrames(Sequence[SurveyFrame]):
         self.trajectory: Trajectory = survey.track(spec)
         self._noise_px = noise_px
 
-    @property
+    @cached_property
     def reef(self) -> Reef:
         return reef_of(self.spec)
 
