@@ -149,12 +149,14 @@ class Batch:
         """Return the problems of a mask (N,)."""
         return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
-    def normal(self, x: Tensor, odd: float, weights: Tensor | None = None) -> Normal:
-        """Compute costs and normal equations at x (N, n). odd: as in ``Noise``. weights: of
-        ``cost_before``; None = new ones.
+    def normal(self, x: Tensor, odd: float, last: Normal | None = None) -> Normal:
+        """Compute costs and normal equations at x (N, n). odd: as in ``Noise``. last: where a step
+        came from; ``cost_before`` has its weights, None = new ones. Where the step lowers no cost,
+        nobody needs the equations, and those of ``last`` are returned.
         """
         number, _, groups, quantiles = self.log_light.shape
-        log_transmitted, veil, (by_a, by_b) = self._water(x)
+        p, *with_graph = self._water(x)
+        log_transmitted, veil = (part.detach() for part in with_graph)
         reflectance = x[:, WATER:-groups].view(number, 3, 1, quantiles)
         brightness = x[:, None, -groups:, None]
         direct = (log_transmitted[..., None] + brightness + reflectance).clamp(max=BRIGHTEST).exp()
@@ -175,8 +177,14 @@ class Batch:
         pull = (self.precision @ away[..., None])[..., 0]
         rest = 0.5 * ((w_over * over**2).sum((1, 2)) + (excess**2).sum(1) + (away * pull).sum(1))
         cost = 0.5 * (w * r * r).sum((1, 2, 3)) + rest
-        before = cost.clone() if weights is None else 0.5 * (weights * r * r).sum((1, 2, 3)) + rest
+        before = (
+            cost.clone() if last is None else 0.5 * (last.weights * r * r).sum((1, 2, 3)) + rest
+        )
+        if last is not None and not (before < last.cost).any():
+            return last._replace(cost_before=before)
 
+        # log A white and B have copies of their own in p: one backward pass tells them apart
+        ((by_a, by_b),) = torch.autograd.grad((with_graph[0] + with_graph[1]).sum(), p)
         wq, wu, k = w * q, w * u, w_over * (over > 0) / (veil + NOISE.floor)
         qq, qu, wqq = (wq * q).sum(3), (wq * u).sum(3), wq * q
         uu, qr = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3)
@@ -205,11 +213,10 @@ class Batch:
         slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
         return Normal(cost, before, w, matrix, slope)
 
-    def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
-        """log(A white), B (N, 3, G); their derivatives by the five logarithms (N, 3, 5, G)."""
+    def _water(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The five logarithms (2, N, 3, 5, G), for log(A white) and for B; those (N, 3, G)."""
         number, _, groups, _ = self.log_light.shape
         by_channel = x[:, :WATER].view(number, 5, 3, 1).transpose(1, 2)
-        # a copy for each of both: one backward pass tells their derivatives apart
         p = by_channel.expand(2, number, 3, 5, groups).clone().requires_grad_()
         far, near, _, _, white = p[0].unbind(2)
         y = far.exp()
@@ -218,8 +225,7 @@ class Batch:
         )
         _, _, beta, scatter, white = p[1].unbind(2)
         veil = backscatter(self.z, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
-        ((by_a, by_b),) = torch.autograd.grad((log_transmitted + veil).sum(), p)
-        return log_transmitted.detach(), veil.detach(), (by_a, by_b)
+        return p, log_transmitted, veil
 
 
 def minimize(
@@ -259,7 +265,7 @@ def _descend(batch: Batch, x: Tensor, odd: float, enough: float) -> Normal:
         damped = now.matrix + (damping[:, None] * now.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
         move = _solved(damped, now.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
         moved = _monotonic(at - move)
-        trial = batch.normal(moved, odd, now.weights)
+        trial = batch.normal(moved, odd, now)
         better = trial.cost_before < now.cost
         small = better & (
             (move[:, :WATER].abs().amax(1) < STEPS.converged)
