@@ -122,15 +122,16 @@ def rotation_to_z(direction: Array) -> Array:
 
 
 def rigid_alignment(points: Array, targets: Array) -> Array:
-    """The rigid transform (4, 4), without scale, that takes points (N, 3) nearest to their targets
-    (N, 3).
+    """The rigid transforms (..., 4, 4), without scale, that take points (..., N, 3) nearest to
+    their targets (..., N, 3).
 
     Umeyama 1991, Least-squares estimation of transformation parameters, IEEE PAMI 13(4), eqs. 40 to
     43 with c = 1.
     """
-    center, target = points.mean(axis=0), targets.mean(axis=0)
-    R = nearest_rotation((targets - target).T @ (points - center))
-    return pose(R, target - R @ center)
+    center, target = points.mean(axis=-2), targets.mean(axis=-2)
+    apart = np.swapaxes(targets - target[..., None, :], -1, -2)
+    R = nearest_rotation(apart @ (points - center[..., None, :]))
+    return pose(R, target - (R @ center[..., None])[..., 0])
 
 
 def similarity_alignment(points: Array, targets: Array) -> Array:
@@ -154,6 +155,9 @@ def scale_of(T: Array) -> float:
 
 
 def nearest_rotation(M: Array) -> Array:
-    """The rotation (3, 3) nearest to any matrix (3, 3), by its singular value decomposition."""
+    """The rotations (..., 3, 3) nearest to any matrices (..., 3, 3), by their singular value
+    decompositions.
+    """
     U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return np.asarray(U @ Vt)

@@ -80,6 +80,7 @@ Cli = Callable[..., tuple[int, str, str]]
 CopyRun = Callable[..., Path]
 SHARED_FIXTURES = (
     "sample_run",
+    "real_dive",
     "finished_demo",
     "fused_dive",
     "by_day",
@@ -97,6 +98,7 @@ first.
 """
 SLOW_FIXTURES = {
     "sample_run",
+    "real_dive",
     "waters_a_frame",
     "one_water",
     "mapped_by_poses",
@@ -211,7 +213,7 @@ def command(*words: str | Path) -> tuple[int, str]:
 
 @dataclass(frozen=True)
 class SampleRun:
-    """The sample dive, run and fused. printed: by the command."""
+    """A dive that was run. printed: by the command."""
 
     out: Path
     printed: str
@@ -263,6 +265,19 @@ def one_water(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -
     code, said = command("run", *sides, "--out", out, "--set", "color.lock=survey")
     assert code == 0, said
     return SampleRun(out, said)
+
+
+@pytest.fixture(scope="session")
+def real_dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> SampleRun:
+    """The real dive in half its size, refined and run; tests read it, or take a copy."""
+    from small_dives import write_half_of_the_real_dive
+
+    folder = tmp_path_factory.mktemp("real_dive")
+    write_half_of_the_real_dive(real_data, folder)
+    sides = ("--left", folder / "left", "--right", folder / "right", "--calib", folder / "cam.yaml")
+    code, said = command("run", "--refine", *sides, "--out", folder / "out")
+    assert code == 0, said
+    return SampleRun(folder / "out", said)
 
 
 @pytest.fixture(scope="session")

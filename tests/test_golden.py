@@ -163,13 +163,10 @@ def test_real_frames(name: str, real_data: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.real_data
-def test_a_real_dive_and_its_map(real_data: Path, tmp_path: Path) -> None:
-    assert not differences(golden("acfr")["run"], run("acfr", "run", tmp_path / "out"))
-    assert not differences(
-        golden("acfr")["map, own track"],
-        fuse("acfr", "map, own track", tmp_path / "out"),
-        OWN_TRACK,
-    )
+def test_a_real_dive_and_its_map(real_dive: SampleRun, tmp_path: Path) -> None:
+    assert not differences(golden("acfr")["run"], run_numbers(real_dive.out))
+    mapped = fuse("acfr", "map, own track", real_dive.copy(tmp_path / "out"))
+    assert not differences(golden("acfr")["map, own track"], mapped, OWN_TRACK)
 
 
 @pytest.mark.slow

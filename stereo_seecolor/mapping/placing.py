@@ -130,7 +130,7 @@ def _placed_by_pictures(
     """
     unknown = np.full(len(survey.index.names), np.nan)
     track = odometry.follow(survey)
-    own, markers = _upright(track, _own(track, config), config)
+    own, markers = _upright(track, by_pictures(track), config)
     if trajectory is None or (markers and markers.control):
         return PlacedSurvey(
             own, None, unknown, unknown, markers.origin if markers else None, markers
@@ -211,7 +211,7 @@ def _fitted(
     """Place the frames by pictures and poses together, or by pictures alone where the poses
     contradict them or are upside down.
     """
-    own = _own(track, config)
+    own = by_pictures(track)
     navigation = _checked_up(verdict, track.survey, trajectory)
     known = priors(own, verdict.placement, config) if navigation.fits else []
     if known:
@@ -267,8 +267,11 @@ def _checked_attitudes(
     return replace(navigation, fits=False, advice=advice)
 
 
-def _own(track: odometry.Track, config: MappingConfig) -> Placement:
-    """Place the frames by the pictures alone."""
+def by_pictures(track: odometry.Track) -> Placement:
+    """Place the frames of a track by the pictures alone, and add the loops to its edges.
+
+    Raises MappingError if no two frames match.
+    """
     return _adjusted(track, odometry.solve(track))
 
 

@@ -162,7 +162,9 @@ def named_in_one_line(
     for name, command in commands(fused, folder).items():
         if name in names:
             shutil.rmtree(out, ignore_errors=True)
-            shutil.copytree(fused / "out", out)
+            # links, which the program replaces and never writes into
+            shutil.copytree(fused / "out", out, copy_function=os.link)
+            (out / file).unlink()
             (out / file).write_bytes(damaged)
             try:
                 command()
@@ -196,7 +198,7 @@ READ = {
     "water.json": ("merge", "fuse", "water"),
     "range/0001.tiff": ("metrics", "water", "fuse", "merge"),
     "confidence/0001.png": ("metrics", "water", "fuse"),
-    "corrected/0001.png": ("compare", "fuse", "evaluate"),
+    "corrected/0001.png": ("evaluate", "compare", "fuse"),
     "range_std/0001.tiff": ("metrics", "fuse", "evaluate"),
     ".state/frames/0001.json": ("metrics", "merge", "water"),
     ".state/manifest.json": ("metrics", "merge", "water"),

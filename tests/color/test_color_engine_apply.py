@@ -255,8 +255,8 @@ def broken_frames():
     ("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()]
 )
 def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, range_m):
-    steps = PaperConfig(iterations=500 if depth == 8 else 100)  # all of them once
-    corrector = Corrector(ColorConfig(method=method, paper=steps))
+    few = Corrector(ColorConfig(method=method, paper=PaperConfig(iterations=50)))
+    corrector = Corrector(ColorConfig(method=method)) if depth == 8 else few  # all steps once
     image = image if depth == 8 else image.astype(np.uint16) * 257
     if name == "all unknown":
         with pytest.raises(
@@ -268,7 +268,7 @@ def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, r
         assert found.warnings == ("no pixel with a known range: the picture is empty",)
         return
     water = corrector.fit_frame(image, range_m)
-    again = corrector.fit_frame(image, range_m, start=water)
+    again = few.fit_frame(image, range_m, start=water)
     for one in (water, again):
         found = corrector.apply(image, range_m, one)
         assert found.image.shape == image.shape

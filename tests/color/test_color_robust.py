@@ -459,19 +459,12 @@ def test_standard_errors_are_marginal() -> None:
     """Over waters and scenes drawn from the prior, errors against their standard errors have a
     spread of one.
     """
-    rng = np.random.default_rng(5)
-    off: dict[str, list[NDArray[np.float64]]] = {
-        "y": [],
-        "w": [],
-        "beta": [],
-        "gamma_inf": [],
-        "white": [],
-    }
-    for _ in range(150):
-        seen, (far, near, beta, backscatter, white) = drawn_from_the_prior(
-            rng, np.geomspace(1.0, 5.0, 12)
-        )
-        found = robust.fit_quantiles(seen, CONFIG)
+    rng, range_m = np.random.default_rng(5), np.geomspace(1.0, 5.0, 12)
+    drawn = [drawn_from_the_prior(rng, range_m) for _ in range(150)]
+    fitted, _ = robust.fit_all([seen for seen, _ in drawn], CONFIG)
+    names = ("y", "w", "beta", "gamma_inf", "white")
+    off: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
+    for found, (_, (far, near, beta, backscatter, white)) in zip(fitted, drawn, strict=True):
         level = np.exp(np.mean(np.log(found.white) - white))
         truth = {"y": np.exp(far), "w": np.exp(far) * np.expm1(near), "beta": np.exp(beta)}
         truth |= {"gamma_inf": np.exp(backscatter + white), "white": np.exp(white) * level}

@@ -4,7 +4,7 @@ night by the lamps alone.
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
+from stereo_seecolor.extras.synthetic import render
 from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -135,8 +136,30 @@ def _run(dive: Path, out: Path) -> LitDive:
     return LitDive(dive, out)
 
 
+def _once(function: Callable[..., object]) -> Callable[..., object]:
+    """The function, which draws what does not depend on the light, once for each camera."""
+    found: dict[tuple[object, ...], object] = {}
+
+    def of(*arguments: object) -> object:
+        cameras = (a for a in arguments if isinstance(a, np.ndarray))
+        key = tuple((a.shape, a.ravel()[:16].tobytes()) for a in cameras)
+        if key not in found:
+            found[key] = function(*arguments)
+        return found[key]
+
+    return of
+
+
 @pytest.fixture(scope="module")
-def by_day(tmp_path_factory: pytest.TempPathFactory) -> LitDive:
+def same_reef() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("build_reef", "cast", "look_up"):
+            patch.setattr(render, name, _once(getattr(render, name)))
+        yield
+
+
+@pytest.fixture(scope="module")
+def by_day(same_reef: None, tmp_path_factory: pytest.TempPathFactory) -> LitDive:
     root = tmp_path_factory.mktemp("by_day")
     synthesize(DAY, root / "dive")
     return _run(root / "dive", root / "out")

@@ -105,7 +105,7 @@ def test_ranges_that_its_motion_contradicts_are_wrong(real_data: Path, tmp_path:
     """Refined, it is right; with a center along the baseline (its y axis) off by 5/1000 of the
     width ranges are 9 % too large, and lenses without their distortion have no cause in the table.
     """
-    write_half_of_the_real_dive(real_data, tmp_path)
+    write_half_of_the_real_dive(real_data, tmp_path, pairs=6)
     sides = tmp_path / "left", tmp_path / "right"
     right = check(*sides, str(tmp_path / "cam.yaml"), refine=tmp_path / "right.yaml")
     assert right.acceptable and not right.is_wrong

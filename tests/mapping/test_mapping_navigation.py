@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,25 +19,35 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.extras.evaluation.map_errors import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
+from stereo_seecolor.mapping import placing
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation import spot_check as spot_check_file
 from stereo_seecolor.mapping.navigation.interpretations import is_rather_inverted
 from stereo_seecolor.mapping.navigation.motions import Motions, depth_difference_m
 from stereo_seecolor.mapping.navigation.mount import constant_turn, lever_arm
 from stereo_seecolor.mapping.navigation.spot_check import QUICK, spot_check
-from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
+from stereo_seecolor.mapping.placing import PlacedSurvey, by_pictures, place_survey
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.features import Features, detect
-from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 
 Poses = NDArray[np.float64]
-Seen = tuple[odometry.Track, dict[str, Features], list[tuple[int, int]]]
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 ORIGIN = GeoOrigin(-23.5, 152.0)
+
+
+class Seen(NamedTuple):
+    """What the images alone say: the track before and after loops were looked for, and the frames
+    placed by it; features by frame.
+    """
+
+    followed: odometry.Track
+    own: Placement
+    looped: odometry.Track
+    features: dict[str, Features]
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +63,18 @@ def survey(reef: ReefFrames) -> Survey:
 
 @pytest.fixture(scope="module")
 def seen(survey: Survey, reef: ReefFrames) -> Seen:
-    """The track, the features that given poses are checked by, and the frames that look alike."""
+    """The track as it is followed, with its loops, and the frames placed by it; the features that
+    given poses are checked by.
+    """
     track = odometry.follow(survey)
+    followed = copy_of(track)
     features = {frame.name: detect(frame, reef.pair, QUICK) for frame in survey.frames}
-    return track, features, by_appearance(track.features, survey.compute)
+    return Seen(followed, by_pictures(track), track, features)
+
+
+def copy_of(track: odometry.Track) -> odometry.Track:
+    """The track, so that what is done to its edges changes no other."""
+    return replace(track, edges=[*track.edges], found={**track.found})
 
 
 @pytest.fixture
@@ -63,20 +82,14 @@ def placed(
     survey: Survey, reef: ReefFrames, seen: Seen, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., PlacedSurvey]:
     """Places the survey by changed poses; the result from the images alone is computed once."""
-    known, features, alike = seen
-    monkeypatch.setattr(
-        odometry,
-        "follow",
-        lambda _: odometry.Track(
-            survey,
-            list(known.features),
-            list(known.edges),
-            dict(known.reasons),
-            found=dict(known.found),
-        ),
-    )
-    monkeypatch.setattr(spot_check_file, "detect", lambda frame, *_: features[frame.name])
-    monkeypatch.setattr(odometry, "by_appearance", lambda *_: list(alike))
+
+    def own(track: odometry.Track) -> Placement:
+        track.edges, track.found = [*seen.looped.edges], {**seen.looped.found}
+        return seen.own
+
+    monkeypatch.setattr(odometry, "follow", lambda _: copy_of(seen.followed))
+    monkeypatch.setattr(placing, "by_pictures", own)
+    monkeypatch.setattr(spot_check_file, "detect", lambda frame, *_: seen.features[frame.name])
 
     def run(
         change: Callable[[Poses], Poses],

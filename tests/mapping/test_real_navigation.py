@@ -1,7 +1,7 @@
 """Navigation held against the pictures on a real reef dive: its survey's own poses fit, disturbed
 ones are averaged out or named.
 
-Half-size pictures of the dive's first pairs; the poses are of the survey's own SLAM of these
+The dive's first pairs in half their size; the poses are of the survey's own SLAM of these
 pictures.
 """
 
@@ -12,17 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_dives import write_half_pictures
+from conftest import SampleRun
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
-from calibration.formats import load_rig, native
-from calibration.resizing import resized_rig
-from calibration.verification.conventions import resolve_convention
-from stereo_seecolor.checks.sample import read_both
-from stereo_seecolor.commands.run import run
-from stereo_seecolor.config import InputConfig, MappingConfig, RunConfig
+from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, rotation_from_vector
-from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
@@ -35,11 +29,7 @@ from stereo_seecolor.records import Trajectory
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
-pytestmark = [
-    pytest.mark.real_data,
-    pytest.mark.slow,
-    pytest.mark.xdist_group("real_navigation"),  # they share a dive that takes seconds to make
-]
+pytestmark = [pytest.mark.real_data, pytest.mark.slow]
 PAIRS = 8
 CONFIG = MappingConfig(voxel_m=0.04, metrics_m=0.5)
 
@@ -61,28 +51,14 @@ class RealDive:
 
 
 @pytest.fixture(scope="module")
-def dive(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> RealDive:
-    data = real_data / "acfr"
-    folder = tmp_path_factory.mktemp("reef")
-    for side in ("left", "right"):
-        write_half_pictures(sorted((data / side).iterdir())[:PAIRS], folder / side)
-    first = [
-        read_both(pair, InputConfig())
-        for pair in pair_folders(data / "left", data / "right", InputConfig()).pairs[:1]
-    ]
-    rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), first)
-    native.write(resized_rig(rig, (680, 512)), folder / "cam.yaml")
-    settings = {
-        "input": {"refine": True},
-        "output": {"preset": "no-clouds"},
-        "color": {"lock": "survey", "unknown_pixels": "raw"},
-    }
-    config = RunConfig.model_validate(settings)
-    run(folder / "left", folder / "right", folder / "cam.yaml", folder / "out", config)
-    frames = SurveyFrames(open_run(folder / "out"))
+def dive(real_data: Path, real_dive: SampleRun) -> RealDive:
+    finished = open_run(real_dive.out)
+    frames = SurveyFrames(finished, frames=finished.frames[:PAIRS])
     survey = Survey(frames, frames.geometry, FrameIndex.build(frames, frames.geometry))
     read = rectified_trajectory(
-        data / "poses_left_raw.tum", MappingConfig(poses_of="raw"), frames.T_rectified_left
+        real_data / "acfr/poses_left_raw.tum",
+        MappingConfig(poses_of="raw"),
+        frames.T_rectified_left,
     )
     chosen = [
         int(np.abs(read.timestamps_s - time_s).argmin()) for time_s in survey.index.timestamps_s

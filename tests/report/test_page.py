@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import GIVEN_POSES, REEF, Cli, CopyRun, Dive, SampleRun, command, contents
+from conftest import REEF, Cli, CopyRun, Dive, SampleRun, contents
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
@@ -292,19 +292,19 @@ def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
 def test_the_page_takes_at_most_15_percent_of_a_lean_folder_and_images_of_the_map_5(
     sample_run: SampleRun, tmp_path: Path
 ) -> None:
-    out = sample_run.copy(tmp_path / "out")
-    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
-    lean = ("--set", "output.preset=lean", "--fuse", *GIVEN_POSES)
-    code, said = command("run", *sides, "--out", out, *lean)
-    assert code == 0, said
-    shutil.rmtree(out / "clouds", ignore_errors=True)  # of the run before, with other settings
-    assert (out / "page/map/map.js").is_file()
+    """Of the folder as it would be: its frames, and the page and the map of the sample run."""
+    sides, lean = (REEF / "left", REEF / "right", REEF / "cam.yaml"), tmp_path / "lean"
+    shutil.copytree(sample_run.out, lean, ignore=shutil.ignore_patterns("clouds", "map", "page"))
+    config = load_config(None, ["output.preset=lean"])
+    assert run(*sides, lean, config, RunOptions(page="none")).all_done
+    page = sample_run.out / "page"
+    assert (page / "map/map.js").is_file()
 
-    def size(folder: Path, pattern: str) -> int:
+    def size(folder: Path, pattern: str = "*") -> int:
         return sum(path.stat().st_size for path in folder.rglob(pattern) if path.is_file())
 
-    whole, textures = size(out, "*"), size(out / "page", "textured_*")
-    assert size(out / "page", "*") - textures <= 0.15 * whole
+    whole, textures = sum(map(size, (lean, page, sample_run.out / "map"))), size(page, "textured_*")
+    assert size(page) - textures <= 0.15 * whole
     assert textures <= 0.05 * whole
 
 

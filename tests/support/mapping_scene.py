@@ -3,7 +3,7 @@ noise, without stereo.
 """
 
 from collections.abc import Iterable, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -139,6 +139,12 @@ def read_cloud(path: Path) -> NDArray[np.void]:
     return np.frombuffer(body, VERTEX, count)
 
 
+@lru_cache(maxsize=4)
+def reef_of(spec: SurveySpec) -> Reef:
+    """The reef of a survey, to be read only: several tests fly over the same."""
+    return build_reef(spec)
+
+
 class ReefFrames(Sequence[SurveyFrame]):
     """A survey's frames, made when asked for. noise_px: standard deviation of the disparity,
     correlated over a few pixels.
@@ -155,7 +161,7 @@ class ReefFrames(Sequence[SurveyFrame]):
 
     @cached_property
     def reef(self) -> Reef:
-        return build_reef(self.spec)
+        return reef_of(self.spec)
 
     def __len__(self) -> int:
         return self.spec.pairs

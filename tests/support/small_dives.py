@@ -38,14 +38,14 @@ def write_short_reef(root: Path, frames: range = OVERLAPPING) -> None:
     native.write(resized_rig(rig, (288, 224)), root / "cam.yaml")
 
 
-def write_half_of_the_real_dive(real_data: Path, root: Path) -> None:
-    """Write ``left``, ``right`` and ``cam.yaml`` of all pairs of the real dive, in half their
-    size.
+def write_half_of_the_real_dive(real_data: Path, root: Path, pairs: int = 20) -> None:
+    """Write ``left``, ``right`` and ``cam.yaml`` of the first pairs of the real dive, all if it
+    has no more, in half their size.
     """
     data = real_data / "acfr"
     sides = [sorted((data / side).iterdir()) for side in ("left", "right")]
     for files in sides:
-        write_half_pictures(files, root / files[0].parent.name)
+        write_half_pictures(files[:pairs], root / files[0].parent.name)
     first = tuple(cv2.imread(str(files[0]), cv2.IMREAD_UNCHANGED) for files in sides)
     rig = resolve_convention(load_rig(data / "stereo_calib.mat", (1360, 1024)), [first])
     native.write(resized_rig(rig, (680, 512)), root / "cam.yaml")

@@ -149,12 +149,14 @@ class Batch:
         """Return the problems of a mask (N,)."""
         return type(self)(**{part.name: getattr(self, part.name)[keep] for part in fields(self)})
 
-    def normal(self, x: Tensor, odd: float, weights: Tensor | None = None) -> Normal:
-        """Compute costs and normal equations at x (N, n). odd: as in ``Noise``. weights: of
-        ``cost_before``; None = new ones.
+    def normal(self, x: Tensor, odd: float, last: Normal | None = None) -> Normal:
+        """Compute costs and normal equations at x (N, n). odd: as in ``Noise``. last: where a step
+        came from; ``cost_before`` has its weights, None = new ones. Where the step lowers no cost,
+        nobody needs the equations, and those of ``last`` are returned.
         """
         number, _, groups, quantiles = self.log_light.shape
-        log_transmitted, veil, (by_a, by_b) = self._water(x)
+        p, *with_graph = self._water(x)
+        log_transmitted, veil = (part.detach() for part in with_graph)
         reflectance = x[:, WATER:-groups].view(number, 3, 1, quantiles)
         brightness = x[:, None, -groups:, None]
         direct = (log_transmitted[..., None] + brightness + reflectance).clamp(max=BRIGHTEST).exp()
@@ -175,33 +177,34 @@ class Batch:
         pull = (self.precision @ away[..., None])[..., 0]
         rest = 0.5 * ((w_over * over**2).sum((1, 2)) + (excess**2).sum(1) + (away * pull).sum(1))
         cost = 0.5 * (w * r * r).sum((1, 2, 3)) + rest
-        before = cost.clone() if weights is None else 0.5 * (weights * r * r).sum((1, 2, 3)) + rest
+        before = (
+            cost.clone() if last is None else 0.5 * (last.weights * r * r).sum((1, 2, 3)) + rest
+        )
+        if last is not None and not (before < last.cost).any():
+            return last._replace(cost_before=before)
 
+        # log A white and B have copies of their own in p: one backward pass tells them apart
+        ((by_a, by_b),) = torch.autograd.grad((with_graph[0] + with_graph[1]).sum(), p)
         wq, wu, k = w * q, w * u, w_over * (over > 0) / (veil + NOISE.floor)
         qq, qu, wqq = (wq * q).sum(3), (wq * u).sum(3), wq * q
         uu, qr = (wu * u).sum(3) + k / (veil + NOISE.floor), (wq * r).sum(3)
         ur = (wu * r).sum(3) + k * over
-        water = torch.einsum("incg,jncg->ncij", by_a * qq + by_b * qu, by_a) + torch.einsum(
-            "incg,jncg->ncij", by_a * qu + by_b * uu, by_b
-        )
-        by_content = torch.einsum("incg,ncgp->ncip", by_a, wqq) + torch.einsum(
-            "incg,ncgp->ncip", by_b, wq * u
-        )
-        by_bright = (by_a * qq + by_b * qu).permute(1, 2, 0, 3)
-        along = (by_a * qr + by_b * ur).sum(3)
+        by_light = by_a * qq[:, :, None] + by_b * qu[:, :, None]
+        water = by_light @ by_a.mT + (by_a * qu[:, :, None] + by_b * uu[:, :, None]) @ by_b.mT
+        by_content = by_a @ wqq + by_b @ (wq * u)
+        by_bright = by_light.transpose(1, 2).flatten(1, 2)
+        along = (by_a * qr[:, :, None] + by_b * ur[:, :, None]).sum(3).mT
         matrix, slope = self.precision.clone(), pull.clone()
-        for c in range(3):
-            own = slice(c, WATER, 3)
-            mine = slice(WATER + c * quantiles, WATER + (c + 1) * quantiles)
-            matrix[:, own, own] += water[:, c]
-            for one, other, block in (
-                (own, mine, by_content),
-                (own, slice(-groups, None), by_bright),
-                (mine, slice(-groups, None), wqq.mT),
-            ):
-                matrix[:, one, other] += block[:, c]
-                matrix[:, other, one] += block[:, c].mT
-            slope[:, own] += along[:, :, c].T
+        # (N, 5, 3, 5, 3) and (N, 5, 3, 3, P): a channel has no part in another's
+        own = matrix[:, :WATER, :WATER].view(number, 5, 3, 5, 3)
+        own.diagonal(dim1=2, dim2=4).add_(water.permute(0, 2, 3, 1))
+        content_of = slice(WATER, -groups)
+        for other in (matrix, matrix.mT):
+            mine = other[:, :WATER, content_of].view(number, 5, 3, 3, quantiles)
+            mine.diagonal(dim1=2, dim2=3).add_(by_content.permute(0, 2, 3, 1))
+            other[:, :WATER, -groups:] += by_bright
+            other[:, content_of, -groups:] += wqq.mT.flatten(1, 2)
+        slope[:, :WATER] += along.flatten(1)
         matrix.diagonal(dim1=1, dim2=2)[:, WATER:] += torch.cat(
             [wqq.sum(2).reshape(number, -1), qq.sum(1)], 1
         )
@@ -210,28 +213,19 @@ class Batch:
         slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
         return Normal(cost, before, w, matrix, slope)
 
-    def _water(self, x: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
-        """log(A white), B (N, 3, G) and their derivatives by the five logarithms (5, N, 3, G)."""
+    def _water(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The five logarithms (2, N, 3, 5, G), for log(A white) and for B; those (N, 3, G)."""
         number, _, groups, _ = self.log_light.shape
-        p = (
-            x[:, :WATER]
-            .view(number, 5, 3, 1)
-            .transpose(0, 1)
-            .expand(5, number, 3, groups)
-            .clone()
-            .requires_grad_()
-        )
-        far, near, beta, scatter, white = p
+        by_channel = x[:, :WATER].view(number, 5, 3, 1).transpose(1, 2)
+        p = by_channel.expand(2, number, 3, 5, groups).clone().requires_grad_()
+        far, near, _, _, white = p[0].unbind(2)
         y = far.exp()
         log_transmitted = white - optical_depth(
             self.z, torch.expm1(near) * y, RATE_OF_CHANGE, y, 0.0
         )
+        _, _, beta, scatter, white = p[1].unbind(2)
         veil = backscatter(self.z, (scatter + white).exp(), beta.exp(), 0.0, 0.0)
-        by_a, by_b = (
-            torch.autograd.grad(part.sum(), p, retain_graph=True)[0]
-            for part in (log_transmitted, veil)
-        )
-        return log_transmitted.detach(), veil.detach(), (by_a, by_b)
+        return p, log_transmitted, veil
 
 
 def minimize(
@@ -264,33 +258,35 @@ def minimize(
 
 def _descend(batch: Batch, x: Tensor, odd: float, enough: float) -> Normal:
     """Move x (N, n) to the minimum, in place; returns what is there. odd: of ``Noise``."""
-    going = torch.ones(len(x), dtype=torch.bool)
+    found = now = batch.normal(x, odd)
+    going, at = torch.arange(len(x)), x.clone()
     damping = x.new_full((len(x),), STEPS.first_damping)
-    now = batch.normal(x, odd)
-    for _ in range(STEPS.most):
-        here, at, damp = batch.at(going), x[going], damping[going]
-        known = Normal(*(part[going] for part in now))
-        damped = known.matrix + (damp[:, None] * known.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
-        move = _solved(damped, known.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
+    for step in range(STEPS.most):
+        damped = now.matrix + (damping[:, None] * now.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+        move = _solved(damped, now.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
         moved = _monotonic(at - move)
-        trial = here.normal(moved, odd, known.weights)
-        better = trial.cost_before < known.cost
-        x[going] = torch.where(better[:, None], moved, at)
-        damping[going] = torch.where(
-            better,
-            (STEPS.less_damping * damp).clamp(min=STEPS.least_damping),
-            STEPS.more_damping * damp,
-        )
-        for whole, part in zip(now, trial.where(better, known), strict=True):
-            whole[going] = part
+        trial = batch.normal(moved, odd, now)
+        better = trial.cost_before < now.cost
         small = better & (
             (move[:, :WATER].abs().amax(1) < STEPS.converged)
-            | (known.cost - trial.cost_before < enough)
+            | (now.cost - trial.cost_before < enough)
         )
-        going[going.clone()] = ~small & (damping[going] < STEPS.most_damping)
-        if not going.any():
-            break
-    return now
+        at, now = torch.where(better[:, None], moved, at), trial.where(better, now)
+        damping = torch.where(
+            better,
+            (STEPS.less_damping * damping).clamp(min=STEPS.least_damping),
+            STEPS.more_damping * damping,
+        )
+        ends = small | (damping >= STEPS.most_damping) | (step == STEPS.most - 1)
+        if ends.any():
+            x[going[ends]] = at[ends]
+            for whole, part in zip(found, now, strict=True):
+                whole[going[ends]] = part[ends]
+            if ends.all():
+                break
+            batch, now = batch.at(~ends), Normal(*(part[~ends] for part in now))
+            going, at, damping = going[~ends], at[~ends], damping[~ends]
+    return found
 
 
 def _monotonic(x: Tensor) -> Tensor:

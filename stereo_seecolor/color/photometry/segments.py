@@ -150,8 +150,7 @@ class AutoFitter(Fitter):
         if self._open:
             chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))
         linked = _linked(chunks)
-        evidence = _evidence([_classes(part) for part in linked], self._config)
-        parts = _parts(evidence, self._config) if chunks else []
+        parts = _parts([_classes(part) for part in linked], self._config)
         segments = [[c for one in linked[part.start : part.stop] for c in one] for part in parts]
         self._segments = [range(one[0].frames.start, one[-1].frames.stop) for one in segments]
         return fill_missing_waters(water for one in segments for water in self._segment_waters(one))
@@ -231,11 +230,18 @@ def _evidence(
     return found
 
 
-def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
+def _parts(parts: Sequence[Mapping[int, ExposureClass]], config: ColorConfig) -> list[range]:
     """Segments of chunks that share one water; chunks without evidence go with those before."""
+    if len(parts) < 2:
+        return [range(len(parts))] * len(parts)
+    chunks = _evidence(parts, config)
     known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    alone = [((chunk,), chunk.table, chunk.water) for chunk in chunks if chunk is not None]
-    segments = _joined(_segments(alone, config), config)
+    alone = [
+        _Segment((chunk,), chunk.table, chunk.water, np.zeros(1))
+        for chunk in chunks
+        if chunk is not None
+    ]
+    segments = _joined(alone, config)
     sizes = np.cumsum([len(segment.chunks) for segment in segments[:-1]], dtype=int)
     edges = [0, *(known[cut] for cut in sizes), len(chunks)]
     return [range(a, b) for a, b in pairwise(edges)]
@@ -255,8 +261,6 @@ def _segments(
     parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable, Water]], config: ColorConfig
 ) -> list[_Segment]:
     """Segments of given chunks, their tables and waters; costs are found together."""
-    if not parts:
-        return []
     under = [(chunk, water) for chunks, _, water in parts for chunk in chunks]
     costs = quality(
         [chunk.seen for chunk, _ in under], config.robust, [water for _, water in under]

@@ -133,7 +133,7 @@ class Ground:
         """The standard error of a height (mapping/raster/noise.py)."""
         column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
         around = self.window(column, row, column, row, RELIEF_CELLS)
-        return float(height_stds(around, self.std_m)[RELIEF_CELLS, RELIEF_CELLS])
+        return height_stds(around, self.std_m, RELIEF_CELLS).item()
 
     def window(self, left: int, top: int, right: int, bottom: int, margin: int = 0) -> Array:
         """The heights from one cell to another with a margin around, NaN off the map."""
@@ -281,8 +281,9 @@ class Ground:
         level = (count < 4) | ~(np.linalg.det(A) > 1e-3 * count**3 * size**2)
         A[level], b[level, 1:] = np.eye(3), 0
         rise_m = np.linalg.solve(A, b[..., None])[:, 1:, 0]
-        stds_m = height_stds(window, self.std_m)[rows, columns]
-        return np.hypot(1.0, np.hypot(*rise_m.T) / self.cell_m), stds_m
+        stds_m = height_stds(window, self.std_m, RELIEF_CELLS)
+        steepness = np.hypot(1.0, np.hypot(*rise_m.T) / self.cell_m)
+        return steepness, stds_m[rows - RELIEF_CELLS, columns - RELIEF_CELLS]
 
 
 def _plane(cells: Array) -> tuple[float, float, float]:

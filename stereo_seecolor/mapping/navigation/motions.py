@@ -83,9 +83,9 @@ def depth_difference_m(
     seen = seen[seen[:, 2] > 0]
     if not len(points_i) or not len(seen):
         return float("nan")
-    apart, nearest = cKDTree(points_i[:, :2] / points_i[:, 2:]).query(
-        seen[:, :2] / seen[:, 2:], distance_upper_bound=SAME_PIXEL
-    )
+    # a tree that is asked once is not worth the time to balance it
+    tree = cKDTree(points_i[:, :2] / points_i[:, 2:], balanced_tree=False, compact_nodes=False)
+    apart, nearest = tree.query(seen[:, :2] / seen[:, 2:], distance_upper_bound=SAME_PIXEL)
     both = np.isfinite(apart)
     off_m = points_i[np.asarray(nearest)[both], 2] - seen[both, 2]
     return float(np.median(np.abs(off_m))) if both.any() else float("nan")

@@ -28,22 +28,28 @@ SHAPE_REACH_CELLS = RELIEF_CELLS + 1
 """Cells around one that ``shape_stds`` looks at: those of roughness are fewer."""
 
 
-def height_stds(heights: Array, range_std_m: float) -> Array:
+def height_stds(heights: Array, range_std_m: float, margin: int = 0) -> Array:
     """(H, W) standard errors of heights (H, W), NaN where unknown; there, that of a height which
-    follows from its neighbors. range_std_m: of a range in one frame.
+    follows from its neighbors. range_std_m: of a range in one frame. margin: as in ``shape_stds``.
     """
-    return np.asarray(np.hypot(OF_RANGES * range_std_m, shape_stds(heights)))
+    return np.asarray(np.hypot(OF_RANGES * range_std_m, shape_stds(heights, margin)))
 
 
-def shape_stds(heights: Array) -> Array:
-    """(H, W) the part of ``height_stds`` that the shape of the ground shows.
+def shape_stds(heights: Array, margin: int = 0) -> Array:
+    """(H, W) the part of ``height_stds`` that the shape of the ground shows. margin: so many cells
+    at each side are looked at, and left out of the result.
 
     What is finer than matching resolves, as gaps between branches, is smoothed away: the roughness
     that is left tells how much. Beside a hole lies what no frame saw or could match, mostly the
     foot of a step, and what is above reaches over it: a part of the height of things around.
     """
     known = np.isfinite(heights)
-    rough_m = np.sqrt(_mean_around(departure(heights, ROUGH_CELLS) ** 2, known, ROUGH_OVER_CELLS))
+    needed = min(margin, ROUGH_CELLS + ROUGH_OVER_CELLS)
+    near = _inner(heights, margin - needed)
+    off_squared = _mean_around(
+        departure(near, ROUGH_CELLS) ** 2, np.isfinite(near), ROUGH_OVER_CELLS
+    )
+    rough_m = np.sqrt(_inner(off_squared, needed))
     around = np.ones((2 * RELIEF_CELLS + 1,) * 2, np.uint8)
     highest, lowest = (
         cv2.dilate(
@@ -58,7 +64,14 @@ def shape_stds(heights: Array) -> Array:
     seen = np.pad(known, 1).astype(np.uint8)
     off_cells = cv2.distanceTransform(seen, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     beside = np.where(off_cells <= RELIEF_CELLS, np.exp(-off_cells / HOLE_CELLS), 0.0)
-    return np.asarray(np.hypot(OF_ROUGHNESS * rough_m, OF_RELIEF * relief_m * beside))
+    by_holes = _inner(OF_RELIEF * relief_m * beside, margin)
+    return np.asarray(np.hypot(OF_ROUGHNESS * rough_m, by_holes))
+
+
+def _inner(values: Array, margin: int) -> Array:
+    """Values (H, W) without a margin at each side."""
+    height, width = values.shape
+    return values[margin : height - margin, margin : width - margin]
 
 
 def _mean_around(values: Array, known: NDArray[np.bool_], reach: int) -> Array:

@@ -27,6 +27,7 @@ from conftest import REEF, contents
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode
 from scipy.spatial.transform import Rotation
+from small_dives import write_half_of_the_real_dive
 
 from calibration import CalibrationError
 from calibration.formats import load_rig
@@ -124,10 +125,10 @@ def test_the_sample_dive_in_a_bag(cli, tmp_path) -> None:
 @pytest.mark.real_data
 def test_a_real_dive_in_a_bag(real_data: Path, cli, tmp_path) -> None:
     """Color left, gray right. Other formats give the same pixels, as tests of each say."""
-    left, right = (
-        sorted((real_data / "acfr" / side).glob("*.png"))[:1] for side in ("left", "right")
-    )
-    run_as_folders_and_bag(left, right, real_data / "acfr/stereo_calib.mat", ".bag", cli, tmp_path)
+    half = tmp_path / "half"
+    write_half_of_the_real_dive(real_data, half, pairs=1)
+    left, right = (list((half / side).iterdir()) for side in ("left", "right"))
+    run_as_folders_and_bag(left, right, half / "cam.yaml", ".bag", cli, tmp_path)
 
 
 @pytest.mark.slow

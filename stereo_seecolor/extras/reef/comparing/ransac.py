@@ -6,6 +6,7 @@ scale is left to the least squares: each calibration is wrong by some thousandth
 Fischler and Bolles 1981; Umeyama 1991; Horn 1987.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,6 @@ from stereo_seecolor.geometry import (
     rigid_alignment,
     scale_of,
     similarity_alignment,
-    transform_points,
 )
 
 Array = NDArray[np.float64]
@@ -27,6 +27,7 @@ class RansacSettings:
 
     triples: int = 200_000  # drawn; at one right match in twenty, 25 of them are right
     tried: int = 2_000  # of those whose sides agree
+    together: int = 20  # of those: what their distances take fits into a cache
     refinements: int = 20  # of least squares on what agrees, which changes what agrees
     blocks: int = 6  # of ground, a side: left out one at a time for the scale's standard error
 
@@ -50,15 +51,13 @@ def similarity_fit(a: Array, b: Array, tolerance_m: float) -> SimilarityFit | No
     """Fit the motion and scale of matched points (n, 3), of which those within tolerance_m agree;
     None where no three do.
     """
-    best: tuple[int, Array] | None = None
-    for triple in _alike_triples(a, b, tolerance_m):
-        T = rigid_alignment(b[triple], a[triple])
-        agree = int((_distances(T, a, b) < tolerance_m).sum())
-        if best is None or agree > best[0]:
-            best = agree, T
-    if best is None:
+    triples = _alike_triples(a, b, tolerance_m)
+    if not len(triples):
         return None
-    T = best[1]
+    motions = rigid_alignment(b[triples], a[triples])
+    parts = np.array_split(motions, math.ceil(len(motions) / SETTINGS.together))
+    agreeing = [(_distances(T, a, b) < tolerance_m).sum(axis=-1) for T in parts]
+    T = motions[np.concatenate(agreeing).argmax()]
     for _ in range(SETTINGS.refinements):
         inliers = _distances(T, a, b) < tolerance_m
         if inliers.sum() < 3:
@@ -94,16 +93,22 @@ def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:
     if len(a) < 3:
         return np.zeros((0, 3), np.int64)
     rng = np.random.default_rng(0)
-    triples = rng.integers(0, len(a), (SETTINGS.triples, 3))
-    alike = np.ones(len(triples), bool)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        side_a, side_b = (
-            np.linalg.norm(points[triples[:, i]] - points[triples[:, j]], axis=1)
-            for points in (a, b)
-        )
-        alike &= (np.abs(side_a - side_b) < tolerance_m) & (side_a > 10 * tolerance_m)
-    return np.asarray(triples[alike][: SETTINGS.tried])
+    found = np.zeros((0, 3), np.int64)
+    for triples in np.array_split(rng.integers(0, len(a), (SETTINGS.triples, 3)), 20):
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            side_a, side_b = (
+                np.linalg.norm(points[triples[:, i]] - points[triples[:, j]], axis=1)
+                for points in (a, b)
+            )
+            alike = (np.abs(side_a - side_b) < tolerance_m) & (side_a > 10 * tolerance_m)
+            triples = triples[alike]
+        found = np.concatenate([found, triples])
+        if len(found) >= SETTINGS.tried:
+            break
+    return found[: SETTINGS.tried]
 
 
 def _distances(T: Array, a: Array, b: Array) -> Array:
-    return np.asarray(np.linalg.norm(transform_points(T, b) - a, axis=1))
+    """(..., n) of points (n, 3) of b, moved by (..., 4, 4), from those of a."""
+    moved = b @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+    return np.asarray(np.linalg.norm(moved - a, axis=-1))
