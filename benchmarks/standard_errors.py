@@ -228,7 +228,7 @@ def mapped(drawn: Path, out: Path) -> MappedReef:
 
 def heights(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
     """Of random cells, rims and overhangs included."""
-    std_m = height_stds(at.terrain.height_m, at.height_std_m)
+    std_m = height_stds(at.terrain.height_m)
     off = ((at.terrain.height_m - at.true.height_m) / std_m).ravel()
     off = off[np.isfinite(off)]
     return {"height of a cell": list(rng.choice(off, min(50 * samples, off.size), replace=False))}

@@ -12,19 +12,20 @@ class MeasureLimits:
     # relative step in depth between object and background; slopes are steadier
     layer_gap: float = 0.02
     layer_gap_stds: float = 6.0  # no step is smaller than the noise
-    # what the error of a pixel's range and the misfit of the plane around add to the standard error
-    # of a point, and that adds to the one of its slope, a pixel (picking.py): as
-    # benchmarks/standard_errors.py finds them on synthetic reefs
-    of_range: float = 0.4
-    of_misfit: float = 0.4
+    # what the error of a pixel's range, the misfit of the plane around and its slope (at 45 degrees
+    # to the ray) add to the standard error of a point, and what the misfit adds to that of a slope,
+    # a pixel (picking.py): as benchmarks/standard_errors.py finds them on synthetic reefs
+    of_range: float = 0.45
+    of_misfit: float = 0.3
+    of_ramp_px: float = 0.35
     slope_of_misfit: float = 0.131
     # the part of an area by errors of slopes, which is taken off it, is known to this
     of_slopes: float = 0.15
     of_step: float = 0.16  # of the steps along a line, in its standard error
     # errors across a line, or along an area's normal, count squared over twice its size: where they
-    # are k standard errors, they change it by k^2 / 2 variances; so large is k at most, by which
-    # the program's errors are tested
-    of_squares: float = 5 / 2
+    # are k standard errors, they change it by k^2 / 2 variances. Of normal errors 97.5 % change it
+    # by less than two of this many variances, and 99.96 % by less than five
+    of_squares: float = 5 / 4
     click_std_px: float = 0.5  # how well a person hits a point
     # of a length, relative, where nothing else is known: what docs/calibration.md calls good
     calibration_std: float = 0.005

@@ -5,7 +5,7 @@ Each frame's measured ranges are compared with the terrain along its own rays. A
 moves the surface over a cell by dz = dr (r_z - p r_x - q r_y), r the ray and p, q the slopes.
 Independent views weigh 1 / variance; where they differ by more than their standard errors say, the
 mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40). At rims all views are wrong alike,
-which height_stds of mapping/raster/noise.py adds.
+which height_stds of mapping/raster/height_errors.py adds.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_errors import SHAPE_REACH_CELLS
+from stereo_seecolor.mapping.raster.height_errors import REACH_CELLS
 from stereo_seecolor.mapping.raster.height_model import Terrain
 from stereo_seecolor.mapping.raster.noise import averaged, blur_reach, observed
 from stereo_seecolor.mapping.raster.structure import (
@@ -171,7 +171,7 @@ def _measured(
     """size: edge of the squares, cells. edges_m: of the structure's squares, at most one."""
     cell_m = terrain.grid.cell_m
     scale_m, alike_cells = cells * cell_m, terrain.correlation_m / cell_m
-    reach = max(blur_reach(alike_cells, cells), SHAPE_REACH_CELLS)
+    reach = max(blur_reach(alike_cells, cells), REACH_CELLS)
     largest = max([size, *(round(edge_m / scale_m) * cells for edge_m in edges_m)])
     squares, mapped = dict[Place, tuple[Array, Array]](), list[Array]()
     sums, extremes_m2 = list[Array](), list[Array]()

@@ -9,12 +9,13 @@ const LEAST_PIXELS = 10;
 const LAYER_GAP = 0.02;
 const LAYER_GAP_STDS = 6;
 export const CLICK_STD_PX = 0.5; // how well a person hits a point
-const OF_RANGE = 0.4;
-const OF_MISFIT = 0.4;
+const OF_RANGE = 0.45;
+const OF_MISFIT = 0.3;
+const OF_RAMP_PX = 0.35;
 const SLOPE_OF_MISFIT = 0.131;
 const OF_SLOPES = 0.15;
 const OF_STEP = 0.16;
-const OF_SQUARES = 5 / 2;
+const OF_SQUARES = 5 / 4;
 const LEAST_STEP_PX = 8;
 const STEP_PX = 8;
 const STEP = 0.1;
@@ -22,10 +23,11 @@ const STEP_STDS = 6;
 const AREA_STEP_PX = 4;
 const LEAST_SPAN = 1e-6;
 
-/** A point with its covariance, 3x3, by row. */
+/** A point with its covariance, 3x3, by row. gap_m: difference in depth or height beyond which two points lie on two things. */
 export interface Placed {
   point_m: Vector;
   covariance: number[];
+  gap_m: number;
 }
 
 /** A point of a frame's surface. slope: change of 1 / depth a pixel; slope_std: its standard error. pixel_std_m: of a range of one pixel. */
@@ -70,7 +72,8 @@ export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number, cl
   const plane = planeThrough(cells, LEAST_PIXELS, (n) => LEAST_SPAN * n ** 3);
   if (!(plane[0] > 0)) return null;
   const far = misfit(ranges, g, x_px, y_px, plane);
-  const std = Math.hypot(OF_RANGE * found.relativeStd, OF_MISFIT * far) * leverage(cells);
+  const steep = ((plane[1] ** 2 + plane[2] ** 2) / plane[0] ** 2) * g.focal_px;
+  const std = Math.hypot(OF_RANGE * found.relativeStd, OF_MISFIT * far, OF_RAMP_PX * steep) * leverage(cells);
   const ray: Vector = [(x_px - g.cx_left_px) / g.focal_px, (y_px - g.cy_px) / g.focal_px, 1];
   const depth = 1 / plane[0];
   const point_m = times(ray, depth);
@@ -81,7 +84,8 @@ export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number, cl
   const covariance = a.map((value, i) => value + click_px ** 2 * (b[i] + c[i]));
   const range_m = norm(point_m);
   const errors = { range_std_m: std * range_m, pixel_std_m: found.relativeStd * range_m, slope_std: SLOPE_OF_MISFIT * far * plane[0] };
-  return { x_px, y_px, point_m, covariance, slope: [plane[1], plane[2]], ...errors };
+  const gap_m = Math.max(LAYER_GAP, LAYER_GAP_STDS * found.relativeStd) * depth;
+  return { x_px, y_px, point_m, covariance, gap_m, slope: [plane[1], plane[2]], ...errors };
 }
 
 /** Root mean square of what 1 / depth within STEP_PX departs from a plane, as a fraction of it; another layer counts as the beginning of a step. */
@@ -146,7 +150,7 @@ export function rangeOf(picked: Pick): Measured {
   return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), power: 1 };
 }
 
-/** Twice the variance that errors (covariance) of a vector of a size add to that size where they lie across it, which count squared over twice the size. Of the largest of several OF_SQUARES counts, with which five standard errors of it make no more than five of what is added: tails of a sum of many are short. */
+/** Twice the variance that errors (covariance) of a vector of a size add to that size where they lie across it, which count squared over twice the size. Of the largest of several OF_SQUARES counts, since squares of errors have long tails; those of a sum of many are short. */
 function squared(covariance: number[], unit: Vector, size: number): number {
   const across = outer(unit, unit).map((value, i) => (i % 4 ? 0 : 1) - value);
   const spread = product(product(across, covariance), across);
@@ -171,7 +175,10 @@ export function straightLength(picks: Placed[]): Measured {
 /** Length of a line of points on a surface; parts that cross a step carry a part of it in the standard error. off: how far a point lies off the plane of the surface at another. */
 export function lengthAlong<P extends Placed>(line: P[], off: (a: P, b: P) => number): Measured {
   const straight = straightLength(line);
-  const steps = line.slice(1).map((b, i) => Math.min(off(line[i], b), off(b, line[i])));
+  const steps = line
+    .slice(1)
+    .map((b, i) => [Math.min(off(line[i], b), off(b, line[i])), Math.max(line[i].gap_m, b.gap_m)])
+    .map(([off_m, gap_m]) => (off_m > gap_m ? off_m : 0));
   return { ...straight, std: Math.hypot(straight.std, OF_STEP * Math.hypot(...steps)) };
 }
 

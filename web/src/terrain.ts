@@ -13,10 +13,10 @@ const [OF_SLOPES, OF_SQUARES] = [0.13, 0.037];
 const SMOOTHED = 0.1;
 const STEEPEST = 0.5;
 const [ROUGH_CELLS, ROUGH_OVER_CELLS] = [2, 4];
-const OF_ROUGHNESS = 1.3;
-const [OF_RELIEF, RELIEF_CELLS] = [0.2, 16];
+const OF_ROUGHNESS = 1.1;
+const [OF_RELIEF, RELIEF_CELLS] = [0.15, 16];
 const HOLE_CELLS = 6.5;
-const OF_RANGES = 0.2;
+const PLACE_CELLS = 0.7;
 const LEAST_SPAN = 1e-3; // of the squared mean size of the cells' offsets
 
 /** A point of the map with its covariance; slope: rise to the east and to the north. */
@@ -62,10 +62,10 @@ export class Ground {
   private spot(point_m: Vector, [east, north]: [number, number], click_m: number): Spot {
     const [a, b, c] = [click_m ** 2, this.heightStd(point_m[0], point_m[1]) ** 2, click_m ** 2];
     const covariance = [a, 0, a * east, 0, c, c * north, a * east, c * north, b + a * east ** 2 + c * north ** 2];
-    return { point_m, covariance, slope: [east, north] };
+    return { point_m, covariance, gap_m: this.gap_m, slope: [east, north] };
   }
 
-  /** The standard error of a height (mapping/raster/noise.py). */
+  /** The standard error of a height (mapping/raster/height_errors.py). */
   private heightStd(x_m: number, y_m: number): number {
     const [column, row] = this.heights.cell(x_m, y_m).map((each) => Math.floor(each + 0.5));
     return this.stds(column, row, column, row)(column, row);
@@ -74,7 +74,7 @@ export class Ground {
   /** Standard errors of the heights of cells within bounds. */
   private stds(left: number, top: number, right: number, bottom: number): (column: number, row: number) => number {
     const shape = new Shape((c, r) => this.heights.at(c, r), left, top, right, bottom);
-    return (column, row) => Math.hypot(OF_RANGES * this.std_m, shape.std(column, row));
+    return (column, row) => shape.std(column, row);
   }
 
   /** Points of the ground along the lines between spots; null where a spot does not lie on the ground as it is seen from above. */
@@ -159,17 +159,19 @@ export class Ground {
   }
 }
 
-/** The part of the standard errors of heights that the shape of the ground shows, at cells within bounds: by the roughness around, and beside a hole by the relief. */
+/** The standard errors of heights at cells within bounds: by the roughness around, by the slope, and beside a hole by the relief. */
 class Shape {
   private readonly columns: number;
   private readonly z: Float64Array;
   private readonly departures: Float64Array; // squared, -1 where not yet computed
+  private readonly rises: Float64Array; // from one cell to the next, known where the departure is
 
   constructor(at: (column: number, row: number) => number, private readonly left: number, private readonly top: number, right: number, bottom: number) {
     this.columns = right - left + 1 + 2 * RELIEF_CELLS;
     const rows = bottom - top + 1 + 2 * RELIEF_CELLS;
     this.z = Float64Array.from({ length: this.columns * rows }, (_, i) => at(left - RELIEF_CELLS + (i % this.columns), top - RELIEF_CELLS + Math.floor(i / this.columns)));
     this.departures = new Float64Array(this.z.length).fill(-1);
+    this.rises = new Float64Array(this.z.length);
   }
 
   std(column: number, row: number): number {
@@ -185,7 +187,8 @@ class Shape {
       lowest = Math.min(lowest, this.z[i]);
     }, (x, y) => (toHole = Math.min(toHole, Math.hypot(x, y))));
     const beside = toHole <= RELIEF_CELLS ? Math.exp(-toHole / HOLE_CELLS) : 0;
-    return Math.hypot(OF_ROUGHNESS * Math.sqrt(squares / Math.max(count, 1)), OF_RELIEF * Math.max(highest - lowest, 0) * beside);
+    this.departure(middle);
+    return Math.hypot(OF_ROUGHNESS * Math.sqrt(squares / Math.max(count, 1)), PLACE_CELLS * this.rises[middle], OF_RELIEF * Math.max(highest - lowest, 0) * beside);
   }
 
   /** Mean square of what the known heights within ROUGH_CELLS depart from a plane. */
@@ -195,6 +198,7 @@ class Shape {
       this.around(middle, ROUGH_CELLS, (i, x, y) => cells.push([x, y, this.z[i]]));
       const [height, right, down] = planeThrough(cells, 1, () => 0.5);
       this.departures[middle] = mean(cells.map(([x, y, value]) => (value - height - right * x - down * y) ** 2));
+      this.rises[middle] = Math.hypot(right, down);
     }
     return this.departures[middle];
   }

@@ -14,7 +14,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
-from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, shape_stds
+from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import CORRECTION_SETTINGS, noise_bias, spread_of
 from stereo_seecolor.mapping.raster.sides import sides_seen
@@ -202,7 +202,7 @@ def _top_std_m(heights: Array, inside: Mask) -> float:
     if not np.isfinite(above).any():
         return float("nan")
     return OF_EXTREMES * float(
-        shape_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
+        height_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
     )
 
 

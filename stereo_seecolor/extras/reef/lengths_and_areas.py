@@ -65,8 +65,7 @@ def straight_length(picks: Sequence[PickedPoint]) -> Measured:
 def _squared(covariance: Array, unit: Array, size: float) -> float:
     """Twice the variance that errors (covariance) of a vector of a size add to that size where they
     lie across it, which count squared over twice the size. Of the largest of several ``of_squares``
-    counts, with which five standard errors of it make no more than five of what is added: tails of
-    a sum of many are short.
+    counts, since squares of errors have long tails; those of a sum of many are short.
     """
     across = np.eye(3) - np.outer(unit, unit)
     spread = across @ covariance @ across
@@ -77,11 +76,16 @@ def _squared(covariance: Array, unit: Array, size: float) -> float:
 def length_along(line: Sequence[PickedPoint]) -> Measured:
     """Length of a line of points on a surface, each joined to the next.
 
-    Where the surface at neither of two points leads to the other, the part between them crosses a
-    step, whose sides are not seen: its standard error carries a part of the step.
+    Where the surface at neither of two points leads to the other, by more than a gap, the part
+    between them crosses a step, whose sides are not seen: its standard error carries a part of the
+    step.
     """
     straight = straight_length(line)
-    steps_m = [min(a.off_m(b), b.off_m(a)) for a, b in pairwise(line)]
+    steps_m = [
+        off_m
+        for a, b in pairwise(line)
+        if (off_m := min(a.off_m(b), b.off_m(a))) > max(a.gap_m, b.gap_m)
+    ]
     return replace(
         straight, std=float(np.hypot(straight.std, LIMITS.of_step * np.linalg.norm(steps_m)))
     )

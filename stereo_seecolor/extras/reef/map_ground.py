@@ -127,13 +127,13 @@ class Ground:
         moved = np.array([(1.0, 0.0, slope[0]), (0.0, 1.0, slope[1])])
         covariance = click_m**2 * moved.T @ moved
         covariance[2, 2] += self.height_std_m(*point_m[:2]) ** 2
-        return Spot(np.array(point_m), covariance, slope)
+        return Spot(np.array(point_m), covariance, self.gap_m, slope)
 
     def height_std_m(self, x_m: float, y_m: float) -> float:
-        """The standard error of a height (mapping/raster/noise.py)."""
+        """The standard error of a height (mapping/raster/height_errors.py)."""
         column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
         around = self.window(column, row, column, row, RELIEF_CELLS)
-        return height_stds(around, self.std_m, RELIEF_CELLS).item()
+        return height_stds(around, RELIEF_CELLS).item()
 
     def window(self, left: int, top: int, right: int, bottom: int, margin: int = 0) -> Array:
         """The heights from one cell to another with a margin around, NaN off the map."""
@@ -281,7 +281,7 @@ class Ground:
         level = (count < 4) | ~(np.linalg.det(A) > 1e-3 * count**3 * size**2)
         A[level], b[level, 1:] = np.eye(3), 0
         rise_m = np.linalg.solve(A, b[..., None])[:, 1:, 0]
-        stds_m = height_stds(window, self.std_m, RELIEF_CELLS)
+        stds_m = height_stds(window, RELIEF_CELLS)
         steepness = np.hypot(1.0, np.hypot(*rise_m.T) / self.cell_m)
         return steepness, stds_m[rows - RELIEF_CELLS, columns - RELIEF_CELLS]
 

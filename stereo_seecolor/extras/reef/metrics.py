@@ -76,7 +76,7 @@ def metrics(
         ),
         cell_m=terrain.grid.cell_m,
         area_m2=seen_m2,
-        height_std_m=_median(height_stds(terrain.height_m, range_std_m)[terrain.known]),
+        height_std_m=_median(height_stds(terrain.height_m)[terrain.known]),
         point_cover=tuple(point_cover(seen)),
         unseen_points=len(labelled) - len(seen),
     )

@@ -4,7 +4,9 @@ Errors of the ranges around a point are alike over a few pixels, and largest whe
 not flat, since matching blends what lies within its windows: at the rim of a coral a range is off
 by several of its own standard errors, on flat ground by half of one. The plane that is fitted to
 1 / depth shows it: what the ranges around depart from it (the misfit, a fraction of 1 / depth) adds
-to the standard error of the point, and is that of its slope.
+to the standard error of the point, and is that of its slope. Where the plane is steep, it is mostly
+a ramp that these windows lay across a step, the more so the steeper it is: its place is off by some
+pixels, and its range by these times the slope.
 """
 
 from abc import ABC, abstractmethod
@@ -31,11 +33,12 @@ STEP = 0.1
 @dataclass(frozen=True, eq=False)
 class PickedPoint(ABC):
     """A point (3,) with its covariance (3, 3) by range and click, without calibration; meters, in
-    any axes.
+    any axes. gap_m: difference in depth or height beyond which two points lie on two things.
     """
 
     point_m: Array
     covariance: Array
+    gap_m: float
 
     @abstractmethod
     def off_m(self, other: Self) -> float:
@@ -98,16 +101,18 @@ class FrameSurface:
         if value <= 0:
             return None
         misfit = self._misfit(x_px, y_px, value, slope)
-        std = float(np.hypot(LIMITS.of_range * relative_std, LIMITS.of_misfit * misfit)) * leverage
+        steep = float(slope @ slope) / value**2 * g.focal_px
+        parts = LIMITS.of_range * relative_std, LIMITS.of_misfit * misfit, LIMITS.of_ramp_px * steep
+        std = float(np.linalg.norm(parts)) * leverage
         ray = np.array([(x_px - g.cx_left_px) / g.focal_px, (y_px - g.cy_px) / g.focal_px, 1.0])
         point_m, depth_m = ray / value, 1 / value
         by_click = depth_m / g.focal_px * np.eye(2, 3) - depth_m**2 * slope[:, None] * ray
         covariance = np.outer(std * point_m, std * point_m) + click_px**2 * by_click.T @ by_click
         range_m = float(np.linalg.norm(point_m))
         slope_std = LIMITS.slope_of_misfit * misfit * value
-        return Pick(
-            point_m, covariance, x_px, y_px, std * range_m, relative_std * range_m, slope, slope_std
-        )
+        gap_m = max(LIMITS.layer_gap, LIMITS.layer_gap_stds * relative_std) * depth_m
+        stds_m = std * range_m, relative_std * range_m
+        return Pick(point_m, covariance, gap_m, x_px, y_px, *stds_m, slope, slope_std)
 
     def _misfit(self, x_px: float, y_px: float, value: float, slope: Array) -> float:
         """Root mean square of what 1 / depth within STEP_PX departs from a plane, as a fraction.

@@ -8,11 +8,11 @@ Array = NDArray[np.float64]
 
 ROUGH_CELLS, ROUGH_OVER_CELLS = 2, 4
 """Roughness is what heights within so many cells depart from a plane; it counts over so many."""
-OF_ROUGHNESS = 1.3
+OF_ROUGHNESS = 1.1
 """What the roughness around adds to the standard error of a height. This and the parts below are as
 benchmarks/standard_errors.py finds them on synthetic reefs.
 """
-OF_RELIEF, RELIEF_CELLS = 0.2, 16
+OF_RELIEF, RELIEF_CELLS = 0.15, 16
 """The part of the relief, over so many cells around, by which a height beside a hole may be off."""
 OF_EXTREMES = 0.45
 """The part of its standard error by which a highest or lowest height is off: where one is smoothed
@@ -20,36 +20,29 @@ away, the next one takes its place.
 """
 HOLE_CELLS = 6.5
 """Cells from a hole over which that falls to 1 / e."""
-OF_RANGES = 0.2
-"""What the standard error of a range in one frame adds: several are fused, and errors that
-neighbors do not share show in the roughness.
+PLACE_CELLS = 0.7
+"""Cells by which the place of a height is off, half of what matching resolves: on a slope that is a
+height. A steep slope may also be a step that windows of matching blur, with its foot not seen.
 """
-SHAPE_REACH_CELLS = RELIEF_CELLS + 1
-"""Cells around one that ``shape_stds`` looks at: those of roughness are fewer."""
+REACH_CELLS = RELIEF_CELLS + 1
+"""Cells around one that ``height_stds`` looks at: those of roughness are fewer."""
 
 
-def height_stds(heights: Array, range_std_m: float, margin: int = 0) -> Array:
+def height_stds(heights: Array, margin: int = 0) -> Array:
     """(H, W) standard errors of heights (H, W), NaN where unknown; there, that of a height which
-    follows from its neighbors. range_std_m: of a range in one frame. margin: as in ``shape_stds``.
-    """
-    return np.asarray(np.hypot(OF_RANGES * range_std_m, shape_stds(heights, margin)))
-
-
-def shape_stds(heights: Array, margin: int = 0) -> Array:
-    """(H, W) the part of ``height_stds`` that the shape of the ground shows. margin: so many cells
-    at each side are looked at, and left out of the result.
+    follows from its neighbors. margin: so many cells at each side are looked at, and left out of
+    the result.
 
     What is finer than matching resolves, as gaps between branches, is smoothed away: the roughness
-    that is left tells how much. Beside a hole lies what no frame saw or could match, mostly the
-    foot of a step, and what is above reaches over it: a part of the height of things around.
+    that is left tells how much, and holds the errors that neighbors do not share. Beside a hole
+    lies what no frame saw or could match, mostly the foot of a step, and what is above reaches over
+    it: a part of the height of things around.
     """
     known = np.isfinite(heights)
     needed = min(margin, ROUGH_CELLS + ROUGH_OVER_CELLS)
     near = _inner(heights, margin - needed)
-    off_squared = _mean_around(
-        departure(near, ROUGH_CELLS) ** 2, np.isfinite(near), ROUGH_OVER_CELLS
-    )
-    rough_m = np.sqrt(_inner(off_squared, needed))
+    off_m, rise_m = departure_and_rise(near, ROUGH_CELLS)
+    rough_m = np.sqrt(_mean_around(off_m**2, np.isfinite(near), ROUGH_OVER_CELLS))
     around = np.ones((2 * RELIEF_CELLS + 1,) * 2, np.uint8)
     highest, lowest = (
         cv2.dilate(
@@ -64,8 +57,12 @@ def shape_stds(heights: Array, margin: int = 0) -> Array:
     seen = np.pad(known, 1).astype(np.uint8)
     off_cells = cv2.distanceTransform(seen, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     beside = np.where(off_cells <= RELIEF_CELLS, np.exp(-off_cells / HOLE_CELLS), 0.0)
-    by_holes = _inner(OF_RELIEF * relief_m * beside, margin)
-    return np.asarray(np.hypot(OF_ROUGHNESS * rough_m, by_holes))
+    parts = (
+        _inner(OF_ROUGHNESS * rough_m, needed),
+        _inner(PLACE_CELLS * rise_m, needed),
+        _inner(OF_RELIEF * relief_m * beside, margin),
+    )
+    return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
 
 def _inner(values: Array, margin: int) -> Array:
@@ -84,16 +81,17 @@ def _mean_around(values: Array, known: NDArray[np.bool_], reach: int) -> Array:
     return np.asarray(np.maximum(total, 0) / np.maximum(count, 1))
 
 
-def departure(heights: Array, reach: int) -> Array:
-    """(H, W) root mean square of what the known heights within ``reach`` cells depart from a plane,
-    0 where there are none.
+def departure_and_rise(heights: Array, reach: int) -> tuple[Array, Array]:
+    """(H, W) each: root mean square of what the known heights within ``reach`` cells depart from a
+    plane, and its rise from one cell to the next; 0 where there are none.
     """
     A, b, squares = plane_sums(heights, reach)
     count = np.maximum(A[..., 0, 0], 1)
     flat = np.linalg.det(A) < 0.5  # whole numbers, 0: the cells span no plane and have their mean
     A[flat], b[flat, 1:] = count[flat, None, None] * np.eye(3), 0
-    off = squares - (np.linalg.solve(A, b[..., None])[..., 0] * b).sum(axis=-1)
-    return np.asarray(np.sqrt(np.maximum(off, 0) / count))
+    plane = np.linalg.solve(A, b[..., None])[..., 0]
+    off = squares - (plane * b).sum(axis=-1)
+    return np.sqrt(np.maximum(off, 0) / count), np.hypot(plane[..., 1], plane[..., 2])
 
 
 def plane_sums(heights: Array, reach: int) -> tuple[Array, Array, Array]:

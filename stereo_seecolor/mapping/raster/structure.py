@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, shape_stds
+from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected, observed
 from stereo_seecolor.mapping.raster.reef_metrics import (
@@ -126,8 +126,8 @@ class SitePart:
         smoothed away at the highest and the lowest place of each (``height_stds``).
         """
         terrain, heights_m = self.terrain, self.coarse.height_m
-        shape_m = np.where(terrain.known, shape_stds(terrain.height_m), np.nan)
-        std_m = averaged(shape_m, self.cells)
+        height_std_m = np.where(terrain.known, height_stds(terrain.height_m), np.nan)
+        std_m = averaged(height_std_m, self.cells)
 
         def of_square(window: Window) -> float:
             heights, own_m = heights_m[window].ravel(), std_m[window].ravel()
@@ -214,8 +214,9 @@ def structure_of(
         dimension_std(e, np.sqrt(each[3:]))
         for e, each in zip(edges, np.split(squared[0, 0], ends), strict=True)
     ]
-    of_corrections[:, 2] = np.hypot(of_corrections[:, 2], fits)
     stds = np.hypot(by_draws, alike * of_corrections)
+    # by which few things stand out in a square: another one's say nothing of that
+    stds[:, 2] = np.hypot(stds[:, 2], fits / np.sqrt(counts))
     values[:, 2] = np.where(np.isfinite(stds[:, 2]), values[:, 2], np.nan)
     stds[:, RANGE] = np.hypot(stds[:, RANGE], OF_EXTREMES * np.sqrt(extremes_m2) / counts)
     return [
