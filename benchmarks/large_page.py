@@ -14,7 +14,6 @@ processor time of a picture of a moving view; of the whole map, near, and after 
 """
 
 import argparse
-import base64
 import json
 import math
 import os
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 
 from stereo_seecolor.report.map_mesh import packed_steps
+from stereo_seecolor.report.templates import FIRST, script
 
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 KIND = re.compile("--type=([a-z-]+)")
@@ -98,8 +98,7 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     write(out, folder, top, "top", 2**level, offset_m, {})
     about["pieces"] = {"top": entry | {"finer": []}}
     about["textured"] = {"top": entry | {"finer": [*of_level]}, **of_level}
-    text = f"seecolor.map({json.dumps(about, separators=(',', ':'))});\n"
-    (folder / "page/map/map.js").write_text(text)
+    (folder / "page/map/map.js").write_bytes(script("map", about))
     return of_one * edge**2
 
 
@@ -140,9 +139,26 @@ def copies(edge: int, written: int) -> Iterator[tuple[int, int, bool]]:
 
 
 def content(path: Path) -> list[Any]:
-    """The data of a script."""
-    text = path.read_text()
-    return list(json.loads(f"[{text[text.index('(') + 1 : text.rindex(')')]}]"))
+    """The data of a script; bytes where a text holds them."""
+    read = path.read_bytes()
+    text = read.decode("utf-16" if read[:1] == b"\xff" else "ascii")
+    return list(
+        json.loads(
+            f"[{text[text.index('(') + 1 : text.rindex(')')]}]",
+            object_hook=lambda each: {key: bytes_of(value) for key, value in each.items()},
+        )
+    )
+
+
+def bytes_of(value: Any) -> Any:
+    """Bytes from 15 bits a character, as stereo_seecolor/report/templates.py writes them; other
+    values as they are.
+    """
+    if not isinstance(value, str) or min(value[1:], default="") < chr(FIRST):
+        return value
+    units = np.frombuffer(value[1:].encode("utf-16-le"), "<u2") - np.uint16(FIRST)
+    bits = np.unpackbits(units.astype(">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 1:]
+    return np.packbits(bits).tobytes()[: 15 * len(units) // 8 - int(value[0])]
 
 
 def moved(piece: dict[str, Any], scale: int, offset_m: list[float]) -> dict[str, Any]:
@@ -168,23 +184,21 @@ def write(
     finer: dict[str, Any],
 ) -> None:
     """The script of a piece, stretched along the map and moved. finer: the pieces that it lists."""
-    path = out / f"page/map/{name}.js"
-    receiver = path.read_text().partition("(")[0]
-    _, packed, _ = content(path)
+    _, packed, _ = content(out / f"page/map/{name}.js")
+    receiver = "textured" if isinstance(packed, list) else "mesh"
     for part in packed if isinstance(packed, list) else [packed]:
         part["low_m"] = placed(part["low_m"], scale, offset_m)
         if scale > 1:
             part["positions"] = packed_steps(steps_of(part) // np.array([1, 1, scale]))
             part["step_m"] *= scale
-    values = ",".join(json.dumps(each, separators=(",", ":")) for each in (new, packed, finer))
-    text = f"{receiver}({values});\n"
-    (folder / f"page/map/{new}.js").write_text(text)
+    (folder / f"page/map/{new}.js").write_bytes(script(receiver, new, packed, finer))
 
 
 def steps_of(part: dict[str, Any]) -> NDArray[np.int64]:
     """(N, 3) the places of the vertices, as web/src/pieces.ts reads them."""
-    deflated = base64.b85decode(part["positions"])
-    planes = np.frombuffer(zlib.decompress(deflated), np.uint8).reshape(3, -1).astype(np.int64)
+    planes = (
+        np.frombuffer(zlib.decompress(part["positions"]), np.uint8).reshape(3, -1).astype(np.int64)
+    )
     folded = planes[0] | planes[1] << 8 | planes[2] << 16
     differences = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1)
     return np.asarray(differences.cumsum(axis=1).T)

@@ -31,7 +31,7 @@ from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TER
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "11"
+FORMAT = "12"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.

@@ -20,7 +20,6 @@ from stereo_seecolor.report.map_mesh import (
     packed_surface,
 )
 from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
-from stereo_seecolor.report.range_code import text
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -152,5 +151,5 @@ def _page(
         "uv": packed_steps(np.rint(texels).astype(np.int64)),
         "uv_steps": TEXTURES.steps_per_texel,
         "size": size,
-        "jpeg": text(jpeg),
+        "jpeg": jpeg,
     }

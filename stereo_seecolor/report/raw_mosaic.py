@@ -76,7 +76,7 @@ class RawMosaic:
             cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8
         )
 
-    def colors_of(self, piece: Piece, offset_m: list[float]) -> str:
+    def colors_of(self, piece: Piece, offset_m: list[float]) -> bytes:
         """The colors of a piece's vertices, packed like those of the piece; gray where no frame
         sees them.
         """

@@ -34,7 +34,7 @@ from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.overview import RowFacts
 from stereo_seecolor.report.range_code import (
     RANGE_CODE,
-    CodedRanges,
+    range_codes,
     std_blocks,
     std_codes,
     std_from_codes,
@@ -596,7 +596,8 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
     range_m = rng.uniform(0.3, 20, (61, 83)).astype(np.float32)
     range_m[rng.random(range_m.shape) < 0.2] = np.nan
     unknown = np.full_like(range_m, np.nan)
-    found = CodedRanges.of(range_m, unknown).range_m()
+    codes, step_per_m = range_codes(range_m, unknown)
+    found = np.where(codes >= 0, 1 / (codes * step_per_m), np.nan)
     assert (np.isnan(found) == np.isnan(range_m)).all()
     assert np.nanmax(abs(found - range_m) / range_m**2) < 1e-4
 
@@ -607,25 +608,26 @@ def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(
 ) -> None:
     rng = np.random.default_rng(1)
     range_m = rng.uniform(0.5, 20, (61, 83)).astype(np.float32)
-    coded = CodedRanges.of(range_m, np.float32(std_at_1_m) * range_m**2)
-    off = abs(1 / coded.range_m() - 1 / range_m)
+    codes, step_per_m = range_codes(range_m, np.float32(std_at_1_m) * range_m**2)
+    off = abs(codes * step_per_m - 1 / range_m)
     assert off.max() < max(1e-4, 0.36 * std_at_1_m)
 
 
 def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
     range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
-    coded = CodedRanges.of(range_m, np.full_like(range_m, np.nan))
-    assert coded.step_per_m > RANGE_CODE.step_per_m
-    np.testing.assert_allclose(coded.range_m(), range_m, rtol=1e-3)
+    codes, step_per_m = range_codes(range_m, np.full_like(range_m, np.nan))
+    assert step_per_m > RANGE_CODE.step_per_m
+    assert codes[0, 2] < 0 <= codes[0, :2].max() < 65536
+    np.testing.assert_allclose(1 / (codes[0, :2] * step_per_m), range_m[0, :2], rtol=1e-3)
 
 
-def test_coded_standard_errors_are_exact_to_three_percent() -> None:
+def test_coded_standard_errors_are_exact_to_six_percent() -> None:
     std_m = np.random.default_rng(2).uniform(1e-4, 0.5, (30, 43)).astype(np.float32)
     std_m[:9, :9] = np.nan
     found, expected = std_from_codes(std_codes(std_m)), std_blocks(std_m)
     assert found.shape == (8, 11)
     assert np.isnan(found[0, 0])
-    np.testing.assert_allclose(found, expected, rtol=0.03)
+    np.testing.assert_allclose(found, expected, rtol=0.06)
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 made once.
 """
 
-import base64
 import gc
 import json
 import tracemalloc
@@ -15,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frames, write_map
+from plane_decoder import decoded
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
@@ -63,7 +63,7 @@ def unpacked(packed: dict[str, Any]) -> Piece:
 
     def read(name: str, planes: int) -> np.ndarray:
         content = (
-            np.frombuffer(zlib.decompress(base64.b85decode(packed[name])), np.uint8)
+            np.frombuffer(zlib.decompress(packed[name]), np.uint8)
             .reshape(planes, -1)
             .astype(np.int64)
         )
@@ -268,24 +268,8 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
     heights_m = (-12 + np.cumsum(rng.normal(0, 0.01, (70, 90)), axis=1)).astype(np.float32)
     heights_m[rng.random(heights_m.shape) < 0.2] = np.nan
     packed = coded_heights(heights_m)
-    planes = (
-        np.frombuffer(zlib.decompress(base64.b85decode(packed["heights"])), np.uint8)
-        .reshape(2, 70, 90)
-        .astype(np.uint16)
-    )
-    folded = planes[0] | planes[1] << 8
-    codes = (
-        ((folded >> 1) ^ -(folded & 1))
-        .cumsum(axis=1, dtype=np.uint16)
-        .cumsum(axis=0, dtype=np.uint16)
-    )
-    known = (
-        np.unpackbits(np.frombuffer(zlib.decompress(base64.b85decode(packed["known"])), np.uint8))[
-            : 70 * 90
-        ].reshape(70, 90)
-        > 0
-    )
-    found = np.where(known, packed["low_m"] + codes * packed["step_m"], np.nan)
+    codes, known = (decoded(packed[name], heights_m.shape) for name in ("heights", "known"))
+    found = np.where(known > 0, packed["low_m"] + codes * packed["step_m"], np.nan)
     assert (np.isnan(found) == np.isnan(heights_m)).all()
     assert np.nanmax(abs(found - heights_m)) < 5e-5
 

@@ -2,7 +2,7 @@
 
 import { Box3, BufferAttribute, BufferGeometry, LinearMipmapNearestFilter, Mesh, MeshBasicMaterial, Sphere, Texture, Vector3, type Material } from "three";
 import type { Piece } from "./about";
-import { fromText, inflated } from "./ranges";
+import { fromText, inflated } from "./codes";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
 

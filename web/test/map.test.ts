@@ -1,25 +1,11 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 import type { About } from "../src/about";
-import { decoded } from "../src/codes";
 import type { Dive } from "../src/dive";
 import { DoublePress } from "../src/elements";
 import { Heights } from "../src/heights";
 import { sightings } from "../src/seen";
 import { span } from "../src/squares";
-
-test("codes are predicted from their neighbors, and NaN where nothing was known", () => {
-  const codes = [7, 9, 4, 65535, 0, 12];
-  const [width, height] = [3, 2];
-  const errors = codes.map((_, i) => {
-    const predicted = (k: number) => codes[k] - (k >= width ? codes[k - width] : 0);
-    const error = ((predicted(i) - (i % width ? predicted(i - 1) : 0)) << 16) >> 16;
-    return ((error << 1) ^ (error >> 31)) & 0xffff;
-  });
-  const bytes = Uint8Array.from([...errors.map((each) => each & 255), ...errors.map((each) => each >> 8)]);
-  const found = decoded(bytes, Uint8Array.of(0b11101100), width, height, (code) => code / 2);
-  assert.deepEqual([...found], [3.5, 4.5, 2, NaN, 0, 6]);
-});
 
 test("cells and their centers agree, with the map's own coordinates", () => {
   const place = { west_m: 500, north_m: 900, pixel_m: 0.02, width: 50, height: 40, tiles: [] };
