@@ -110,12 +110,14 @@ def contents_of(
     frame: Pixels, before: Image | None, geometry: RectifiedPair | None
 ) -> dict[str, bytes]:
     """Product -> content of the page's files of a frame. before: its rectified image, uncorrected;
-    None where it is missing.
+    None where it is missing. A corrected image that browsers show at once is not written again.
 
     Raises InputError if one of the frame's files is missing or damaged.
     """
     color = frame.read("corrected")
-    files = {"page/thumbnails": preview(color, THUMBNAIL), "page/after": preview(color, SCREEN)}
+    files = {"page/thumbnails": preview(color, THUMBNAIL)}
+    if color.dtype == np.float32 or max(color.shape[:2]) > SCREEN.longer_px:
+        files["page/after"] = preview(color, SCREEN)
     if before is not None:
         files["page/before"] = preview(before, SCREEN)
     if geometry is not None:

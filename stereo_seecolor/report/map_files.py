@@ -44,21 +44,17 @@ Pieces = dict[str, dict[str, Any]]
 """Entries of pieces, by their names."""
 
 
-def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict[str, str]:
+def write_map_files(folder: RunFolder, facts: DiveFacts) -> dict[str, str]:
     """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
-    with_raw: also write the map in uncorrected colors, from frames whose image before correction is
-    on the page; it is made again when more of them are. Without it, such files of an earlier page
-    are kept.
     Returns the rasters of the map that are damaged, which the page goes without: path in OUT ->
     why.
     """
     made = facts.map
-    key = content_key(FORMAT, False, *_stamps(made)) if made else ""
-    painted = content_key(*painted_from(facts.posed)) if with_raw and facts.posed else ""
+    key = content_key(*_stamps(made)) if made else ""
+    made_from = content_key(FORMAT, key, *(painted_from(facts.posed) if facts.posed else ()))
     earlier = [name for name in folder.dive.record.files if name.startswith(f"{FOLDER}/")]
-    key_before, _, painted_before = folder.dive.record.made_from.get(FOLDER, "").partition(" ")
-    current = key == key_before and (painted_before == painted or not with_raw)
+    current = folder.dive.record.made_from.get(FOLDER) == made_from
     if earlier and current and all((folder.root / name).is_file() for name in earlier):
         return {}
     if earlier:
@@ -72,10 +68,9 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict
         and can_read_rasters()
         and (why := raster_problem(made.folder / name, bands))
     }
-    files = _MapFiles.of(facts, made, with_raw, frozenset(damaged))
+    files = _MapFiles.of(facts, made, frozenset(damaged))
     # a page without a part is not kept: the next report makes it again, and names what is damaged
-    made_from = f"{'' if damaged else key} {painted}"
-    folder.dive.write_folder(FOLDER, files.contents(key), made_from=made_from)
+    folder.dive.write_folder(FOLDER, files.contents(key), made_from="" if damaged else made_from)
     return {f"{MAP}/{name}": why for name, why in damaged.items()}
 
 
@@ -103,14 +98,10 @@ class _MapFiles:
     has_gaps: bool
 
     @classmethod
-    def of(
-        cls, facts: DiveFacts, made: FinishedMap, with_raw: bool, damaged: frozenset[str]
-    ) -> "_MapFiles":
+    def of(cls, facts: DiveFacts, made: FinishedMap, damaged: frozenset[str]) -> "_MapFiles":
         there = {name: (made.folder / name).is_file() and name not in damaged for name in RASTERS}
         terrain = TerrainImages.open(made.folder / TERRAIN) if there[TERRAIN] else None
-        raw = (
-            RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
-        )
+        raw = RawMosaic.paint(facts.posed, terrain) if terrain and facts.posed else None
         std_m = height_std_m(facts.run)
         has_gaps = bool(there[GAPS] and terrain and fits(made.folder / GAPS, terrain.about))
         return cls(made, facts.posed, std_m, terrain, raw, facts.squares, there[MOSAIC], has_gaps)

@@ -1,6 +1,6 @@
 """START HERE: the page of a run, written into OUT."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.chart_records import kept_charts
-from stereo_seecolor.report.early_frames import FORMAT, frames_in_full, page_stage
+from stereo_seecolor.report.early_frames import FORMAT, page_stage
 from stereo_seecolor.report.example_frames import example_frames
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.kept_measures import FILE as MEASURES
@@ -33,7 +33,7 @@ from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE
+from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE, page_path
 from stereo_seecolor.run_folder.manifest import FrameRecord
 
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
@@ -56,18 +56,16 @@ class PageSummary:
 
 
 def write_page(
-    folder: RunFolder, run: FinishedRun, brief: bool, progress: Callable[[int, int], None]
+    folder: RunFolder, run: FinishedRun, progress: Callable[[int, int], None]
 ) -> PageSummary:
     """Write OUT/index.html and OUT/page. Frames that an earlier page shows are not read again.
 
-    brief: show only some frames of a long dive in full, so that a run takes hardly longer.
     Raises OutputError; InputError if files that the page is made from are missing or damaged. A
     frame whose files are, or a raster of the map, is named in the summary and left out.
     """
     facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
-    whole = _spread(facts) if brief else {frame.name for frame in run.frames}
-    maker = _FrameMaker(folder, FrameFiles.of(run), frozenset(whole))
+    maker = _FrameMaker(folder, FrameFiles.of(run))
     made, left_out, shown = 0, {}, {}
     for number, (frame, record) in enumerate(
         zip(run.frames, Threads(cores()).each(maker.of, run.frames), strict=True)
@@ -81,7 +79,7 @@ def write_page(
     folder.dive.update(
         replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
     )
-    left_out |= write_map_files(folder, facts, with_raw=not brief)
+    left_out |= write_map_files(folder, facts)
     kept, problem = _kept_on_page(run)
     left_out |= problem
     files = {
@@ -117,25 +115,16 @@ def _dive_id(run: FinishedRun) -> str:
     return run.frames[0].sha256[:16] if run.frames else ""
 
 
-def _spread(facts: DiveFacts) -> set[str]:
-    """The frames that a brief page shows in full: the examples, and others spread over the dive."""
-    names = [frame.name for frame in facts.run.frames]
-    return {name for name, _ in example_frames(facts)} | set(frames_in_full(names))
-
-
 @dataclass(frozen=True, eq=False)
 class _FrameMaker:
-    """Makes the page's files of a frame, unless they exist. whole: names of the frames to show in
-    full.
-    """
+    """Makes the page's files of a frame, unless they exist."""
 
     folder: RunFolder
     files: FrameFiles
-    whole: frozenset[str]
 
     def of(self, frame: FinishedFrame) -> FrameRecord | FrameError | None:
-        """The frame's record; a FrameError where it cannot be shown; None where only its corrected
-        image is shown.
+        """The frame's record; a FrameError where it cannot be shown; None where it has no corrected
+        image.
         """
         record = self.folder.manifest.frame(frame.name)
         if record is None or "corrected" not in record.stages:
@@ -147,8 +136,6 @@ class _FrameMaker:
         good = [stages[True]] if with_before else [stages[True], stages[False]]
         if any(self.folder.frames.finished("page", frame.name, stage.key) for stage in good):
             return record
-        if frame.name not in self.whole:
-            return None
         try:
             files = self.files.make(frame)
         except FrameError as error:
@@ -214,6 +201,13 @@ def _subfolders(run: FinishedRun) -> dict[str, str]:
     return {name: folder for name, folder in folders.items() if folder != "corrected"}
 
 
+def _picture(run: FinishedRun, name: str, products: Sequence[str]) -> str:
+    """The path in OUT of the corrected picture that the page shows of a frame."""
+    if "page/after" in products:
+        return page_path("page/after", name)
+    return run.frame(name).products["corrected"].relative_to(run.root).as_posix()
+
+
 def _suffix(run: FinishedRun) -> str:
     return next(
         (
@@ -240,7 +234,11 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
         problems=facts.problems,
         named_frames=NAMED_FRAMES,
         notes=run.totals["notes"],
-        examples=[(name, why, shown[name]) for name, why in example_frames(facts) if name in shown],
+        examples=[
+            (name, why, shown[name], _picture(run, name, shown[name]))
+            for name, why in example_frames(facts)
+            if name in shown
+        ],
         methods=methods(facts),
         citations=citations(facts),
         changed_settings=changed_settings(run.config),

@@ -25,6 +25,7 @@ def _template(name: str) -> jinja2.Template:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["path"] = _path
+    environment.filters["address"] = lambda path: "/".join(map(_path, path.split("/")))
     return environment.from_string((STATIC / name).read_text(encoding="utf-8"))
 
 

@@ -1,6 +1,6 @@
 // The frames of the dive: filters, one frame large, and the strip of all.
 
-import { address, fullSize, has, type Dive, type Text } from "./dive";
+import { fullSize, picture, type Dive, type Text } from "./dive";
 import { button, element, readable, select } from "./elements";
 import type { MeasureTable } from "./measuretable";
 import { Strip } from "./strip";
@@ -111,8 +111,8 @@ export class Frames {
   preload(): void {
     for (const step of [-1, 1]) {
       const frame = this.strip.neighbor(step);
-      const name = this.dive.names[frame];
-      if (frame >= 0 && has(this.dive, name, "after")) new Image().src = address("after", name);
+      const source = frame >= 0 ? picture(this.dive, frame, "after") : "";
+      if (source) new Image().src = source;
     }
   }
 }
