@@ -2,7 +2,7 @@
 
 Each is predicted from its left, upper and upper left neighbors (the median edge detector of LOCO-I,
 Weinberger et al. 2000). The errors go bit by bit through a binary arithmetic coder (Witten et al.
-1987), whose probabilities adapt to the errors of the neighbors. The page decodes them in
+1987), whose probabilities adapt to the differences between the neighbors. The page decodes them in
 web/src/codes.ts.
 """
 
@@ -14,13 +14,13 @@ from stereo_seecolor.compute.compiled import compiled
 UNKNOWN = -1
 """A pixel that may become any number: the page masks it."""
 CLIP = 2
-"""Neighboring errors beyond this count as equal."""
+"""Differences between neighbors beyond this count as equal."""
 MOST_AROUND = 12
-"""Sums of neighboring errors beyond this count as equal."""
+"""Sums of such differences beyond this count as equal."""
 UNARY = 20
 """From here on, the bits of an error are written, after their count."""
-SHIFT = 5
-"""A probability moves by 2**-SHIFT of the way: it averages some 32 pixels."""
+SHIFT = 6
+"""A probability moves by 2**-SHIFT of the way: it averages some 64 pixels."""
 
 
 def coded(codes: NDArray[np.integer] | NDArray[np.bool_]) -> bytes:
@@ -49,13 +49,13 @@ def _write(bit, chances, which, ends, content):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _clipped(error):  # type: ignore[no-untyped-def]
-    return min(max(error, -CLIP), CLIP) + CLIP
+def _clipped(difference):  # type: ignore[no-untyped-def]
+    return min(max(difference, -CLIP), CLIP) + CLIP
 
 
 @compiled
 def _write_size(rest, around, further, bits, ends, content):  # type: ignore[no-untyped-def]
-    """Write how much larger than one an error is. around: sum of the neighboring errors."""
+    """Write how much larger than one an error is. around: sum of the neighbors' differences."""
     first = min(around, MOST_AROUND) * UNARY
     for place in range(min(rest, UNARY)):
         _write(1, further, first + place, ends, content)
@@ -85,30 +85,30 @@ def _code(codes, content):  # type: ignore[no-untyped-def]
     further = np.full((MOST_AROUND + 1) * UNARY, 1 << 15, np.int64)
     bits = np.full(64, 1 << 15, np.int64)
     ends = np.array([0, 0xFFFFFFFF, 0], np.int64)
-    above, errors = np.zeros(width, np.int64), np.zeros(width + 2, np.int64)
+    above, values = np.zeros(width, np.int64), np.zeros(width, np.int64)
     for row in range(height):
-        left, left_above, left_error, left_error_above = 0, 0, 0, 0
+        left, left_above = 0, 0
         for column in range(width):
             up = above[column] if row else left
             if column == 0:
                 left, left_above = up, up
             elif row == 0:
                 left_above = left
+            right_above = above[column + 1] if row and column + 1 < width else up
             sloped = left + up - left_above
             value = max(min(left, up), min(max(left, up), sloped))  # the middle of three
             error = 0 if codes[row, column] < 0 else codes[row, column] - value
-            up_error, right_error = errors[column + 1], errors[column + 2]
-            context = _clipped(left_error) * (2 * CLIP + 1) + _clipped(up_error)
-            context = 2 * (context * (2 * CLIP + 1) + _clipped(right_error))
+            first, second, third = right_above - up, up - left_above, left_above - left
+            context = _clipped(first) * (2 * CLIP + 1) + _clipped(second)
+            context = 2 * (context * (2 * CLIP + 1) + _clipped(third))
             _write(error != 0, begun, context, ends, content)
             if error != 0:
                 _write(error < 0, begun, context + 1, ends, content)
-                around = abs(left_error) + abs(up_error) + abs(right_error) + abs(left_error_above)
+                around = abs(first) + abs(second) + abs(third)
                 _write_size(abs(error) - 1, around, further, bits, ends, content)
-            errors[column + 1] = error
-            left_error_above, left_error = up_error, error
             left_above, left = up, value + error
-            above[column] = left
+            values[column] = left
+        above, values = values, above
     for shift in (24, 16, 8, 0):
         content[ends[2]] = (ends[0] >> shift) & 255
         ends[2] += 1

@@ -29,26 +29,25 @@ def bytes_of(text: str) -> bytes:
 def decoded(content: bytes, shape: tuple[int, int]) -> NDArray[np.int64]:
     """The whole numbers of a grid."""
     bits, (height, width) = _Bits(content), shape
-    values, errors = np.zeros(shape, np.int64), np.zeros((height + 1, width + 2), np.int64)
+    values = np.zeros(shape, np.int64)
     for row in range(height):
         for column in range(width):
-            up = values[row - 1, column] if row else 0
-            left = values[row, column - 1] if column else up
-            up = up if row else left
-            above = values[row - 1, column - 1] if row and column else (left if column else up)
+            up = int(values[row - 1, column]) if row else None
+            left = int(values[row, column - 1]) if column else up or 0
+            up = left if up is None else up
+            above = int(values[row - 1, column - 1]) if row and column else (left if column else up)
+            right = int(values[row - 1, column + 1]) if row and column + 1 < width else up
             value = sorted((left, up, left + up - above))[1]
-            near = errors[row + 1, column], errors[row, column + 1], errors[row, column + 2]
-            error = _error(bits, [int(each) for each in near], abs(int(errors[row, column])))
-            errors[row + 1, column + 1], values[row, column] = error, value + error
+            values[row, column] = value + _error(bits, (right - up, up - above, above - left))
     return values
 
 
-def _error(bits: "_Bits", near: list[int], beyond: int) -> int:
+def _error(bits: "_Bits", near: tuple[int, int, int]) -> int:
     context = tuple(max(-CLIP, min(each, CLIP)) for each in near)
     if not bits.next("begun", context):
         return 0
     negative = bits.next("sign", context)
-    around = min(sum(map(abs, near)) + beyond, MOST_AROUND)
+    around = min(sum(map(abs, near)), MOST_AROUND)
     rest = 0
     while rest < UNARY and bits.next("further", around, rest):
         rest += 1

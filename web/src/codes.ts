@@ -4,7 +4,7 @@ const FIRST = 0x100; // of the characters for 15 bits
 const CLIP = 2;
 const MOST_AROUND = 12;
 const UNARY = 20;
-const SHIFT = 5;
+const SHIFT = 6;
 
 /** Bytes from 15 bits a character; a digit before them says how many of the last ones only fill it. */
 export function fromText(text: string): Uint8Array<ArrayBuffer> {
@@ -58,30 +58,27 @@ export function decoded(text: string, width: number, height: number): Int32Array
     for (let place = found - 1; place >= 0; place--) rest |= bit(counts, 32 + place) << place;
     return (1 << found) + rest - 1;
   };
-  const clipped = (error: number) => Math.min(Math.max(error, -CLIP), CLIP) + CLIP;
+  const clipped = (difference: number) => Math.min(Math.max(difference, -CLIP), CLIP) + CLIP;
   const values = new Int32Array(width * height);
-  const errors = new Int32Array(width + 2);
   for (let row = 0, i = 0; row < height; row++) {
-    let [left, leftError, leftErrorAbove] = [0, 0, 0];
+    let left = 0;
     for (let column = 0; column < width; column++, i++) {
       const up = row ? values[i - width] : left;
       if (!column) left = up;
       const leftAbove = !column ? up : row ? values[i - width - 1] : left;
+      const rightAbove = row && column + 1 < width ? values[i - width + 1] : up;
       const value = Math.max(Math.min(left, up), Math.min(Math.max(left, up), left + up - leftAbove)); // the middle of three
-      const [upError, rightError] = [errors[column + 1], errors[column + 2]];
-      const context = 2 * ((clipped(leftError) * (2 * CLIP + 1) + clipped(upError)) * (2 * CLIP + 1) + clipped(rightError));
+      const [first, second, third] = [rightAbove - up, up - leftAbove, leftAbove - left];
+      const context = 2 * ((clipped(first) * (2 * CLIP + 1) + clipped(second)) * (2 * CLIP + 1) + clipped(third));
       let error = 0;
       if (bit(begun, context)) {
         const negative = bit(begun, context + 1);
-        const around = Math.abs(leftError) + Math.abs(upError) + Math.abs(rightError) + Math.abs(leftErrorAbove);
-        const first = Math.min(around, MOST_AROUND) * UNARY;
+        const place = Math.min(Math.abs(first) + Math.abs(second) + Math.abs(third), MOST_AROUND) * UNARY;
         let rest = 0;
-        while (rest < UNARY && bit(further, first + rest)) rest++;
+        while (rest < UNARY && bit(further, place + rest)) rest++;
         if (rest === UNARY) rest += size();
         error = negative ? -1 - rest : 1 + rest;
       }
-      leftErrorAbove = upError;
-      errors[column + 1] = leftError = error;
       values[i] = left = value + error;
     }
   }

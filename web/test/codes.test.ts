@@ -5,7 +5,7 @@ import { decoded, fromText } from "../src/codes";
 // as stereo_seecolor/report/templates.py and plane_code.py write them
 
 test("whole numbers are predicted from their neighbors, with small and large errors", () => {
-  const text = "0\u5b96\u7bb8\u7360\u019d\u5962\u6f90\u0100\u7a3a\u5d0a\u1102\u4100\u3427\u29a1\u30f9\u1dc4\u3473\u0c5b\u03aa\u4dda\u3db2\u3b88\u6bd4";
+  const text = "0\u5bfe\u30ab\u35e0\u019c\u0756\u65a0\u0100\u61ef\u23e1\u6650\u2100\u10b9\u333e\u728c\u3aa4\u1fe8\u6bda\u3ea4\u464f\u61bc\u4899\u7d68";
   assert.deepEqual([...decoded(text, 5, 4)], [0, 1, 2, 3, 4, 0, 1, 65535, 3, 4, 7, 7, 7, 300, 7, 9, 8, 7, 6, 5]);
 });
 
