@@ -4,9 +4,8 @@ fusion.
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -147,9 +146,11 @@ class _MapFiles:
                 finer = _taken(painted, tile["finer"])
                 painted[tile_name] = _around(tile, finer)
                 yield f"{tile_name}.js", script("textured", tile_name, parts, finer)
-        if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
-            name = _name(len(made) - 1, next(iter(made[-1].boxes)))
-            painted[name] = about["pieces"][name] | {"finer": sorted(painted)}
+            if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
+                ((_, piece),) = made[-1].tiles()
+                (entry,) = about["pieces"].values()
+                painted["whole"] = entry | {"finer": sorted(painted)}
+                yield "whole.js", self._script("whole", piece, made[-1].cell_m, {})
 
     def _level(self, pieces: Pieces, number: int, level: Level) -> Files:
         """The files of a level's tiles, each of which is listed in ``pieces`` instead of those
@@ -164,18 +165,19 @@ class _MapFiles:
                 pieces[name] = _around(entry, finer)
                 yield name, piece, finer
 
-        made = Threads(cores()).each(partial(self._piece, level.cell_m), named())
-        yield from chain.from_iterable(made)
+        yield from Threads(cores()).each(partial(self._piece, level.cell_m), named())
 
-    def _piece(self, cell_m: float, named: tuple[str, Piece, Pieces]) -> list[tuple[str, bytes]]:
-        """The files of a tile of the mesh, of a level with cells of that edge."""
+    def _piece(self, cell_m: float, named: tuple[str, Piece, Pieces]) -> tuple[str, bytes]:
+        """The file of a tile of the mesh, of a level with cells of that edge."""
         name, piece, finer = named
+        if self.raw is not None:  # the images on the surface show the corrected colors
+            piece = replace(piece, colors=self.raw.colors_of(piece, self.made.offset_m))
+        return f"{name}.js", self._script(name, piece, cell_m, finer)
+
+    @staticmethod
+    def _script(name: str, piece: Piece, cell_m: float, finer: Pieces) -> bytes:
         strips = piece.in_strips(STRIP_VOXELS * cell_m)
-        packed = script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel), finer)
-        if self.raw is None:
-            return [(f"{name}.js", packed)]
-        raw = script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
-        return [(f"{name}.js", packed), (f"{name}_raw.js", raw)]
+        return script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel), finer)
 
     def _terrain(self, about: dict[str, Any], mesh: MeshSource | None) -> Files:
         terrain = self.terrain

@@ -144,7 +144,7 @@ def _page(
     of_page = Piece(piece.points_m[at], piece.colors[at], mesh.triangles, piece.rim[at])
     nodes, triangles = in_strips(of_page, cell_m)
     size = pixels.shape[1::-1]
-    flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality]
+    flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
     jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
     texels = mesh.uv[nodes] * np.array(size, np.float32) * TEXTURES.steps_per_texel
     return packed_surface(of_page.points_m[nodes], triangles, step_m) | {

@@ -11,7 +11,7 @@ export interface Place {
 
 /**
  * A piece of the mesh. cell_m: how fine it is. finer: the pieces that show the same at half of that.
- * texel_m, texels: how fine its texture is, and how many pixels it has; without one it has the colors of its vertices.
+ * texel_m, texels: how fine its texture is, and how many pixels it has; without one its vertices have colors.
  */
 export interface Piece {
   low_m: number[];
@@ -34,8 +34,8 @@ export interface Squares {
 
 export interface About {
   id: string;
-  pieces: Record<string, Piece>; // below no other; others are added once they are known
-  textured?: Record<string, Piece>; // the images on the surface; the first piece has the colors of its vertices
+  pieces: Record<string, Piece>; // with the colors of the camera where there are images on the surface; below no other: those are added once they are known
+  textured?: Record<string, Piece>; // the images on the surface; the coarsest piece has the colors of its vertices
   mosaic?: Place;
   raw?: Place;
   gaps?: Place; // of the hatch over what has no height

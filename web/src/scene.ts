@@ -194,7 +194,6 @@ export class Scene {
   /** Colors as the camera saw them, or corrected. */
   showRaw(raw: boolean): void {
     this.raw = raw;
-    this.colored.setRaw(raw);
     this.choose();
   }
 
