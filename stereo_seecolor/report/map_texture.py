@@ -35,7 +35,7 @@ class TextureSizes:
     pixels: int = 3_000_000  # of the images: loaded in a tenth of a second
     voxels_per_cell: float = 2.0  # finer cells are rough by noise, which smears what lies on them
     texels_per_cell: float = 4.0  # a surface as fine as its texture shows nothing more
-    jpeg_quality: int = 80  # errors below the noise of the images, a third of the bytes of 95
+    jpeg_quality: int = 75  # errors below the noise of the images
     steps_per_texel: int = 4  # of places in the texture
 
 
