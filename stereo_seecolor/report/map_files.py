@@ -116,7 +116,13 @@ class _MapFiles:
             "range_scale": self.made.range_scale,
             "preview": f"{MAP}/orthomosaic_preview.png",
         }
-        about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])
+        if self.squares is not None and len(self.squares.rows):
+            about["squares"] = {
+                "edge_m": self.made.cell_m["metrics_m"],
+                "scale_m": self.squares.scale_m,
+                "names": list(self.squares.names),
+            }
+            yield from _squares(self.squares, self.made.offset_m)
         path = self.made.folder / MESH
         mesh = MeshSource.open(path) if path.is_file() else None
         if mesh is not None and len(mesh.triangles):
@@ -241,20 +247,12 @@ def _around(entry: dict[str, Any], finer: Pieces) -> dict[str, Any]:
     return entry | {"low_m": low_m.min(axis=0).tolist(), "high_m": high_m.max(axis=0).tolist()}
 
 
-def _squares(squares: Squares | None, edge_m: float) -> dict[str, Any] | None:
-    """The metrics of each square: names, center x, y with the values, and standard errors; None
-    where unknown.
+def _squares(squares: Squares, offset_m: list[float]) -> Files:
+    """A script for each metric: x and y of each square in the map's own coordinates, value and
+    standard error, NaN if unknown.
     """
-    if squares is None:
-        return None
-    rows, std = (
-        [[float(f"{v:.5g}") if np.isfinite(v) else None for v in row] for row in values]
-        for values in (squares.rows, squares.std)
-    )
-    return {
-        "edge_m": edge_m,
-        "scale_m": squares.scale_m,
-        "names": list(squares.names),
-        "rows": rows,
-        "std": std,
-    }
+    places_m = squares.rows[:, :2] - np.array(offset_m[:2])
+    for number in range(len(squares.names)):
+        columns = places_m, squares.rows[:, [2 + number]], squares.std[:, [number]]
+        content = np.concatenate(columns, axis=1).astype("<f4").tobytes()
+        yield f"squares/{number}.js", script("squares", number, content)

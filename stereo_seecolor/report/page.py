@@ -1,5 +1,6 @@
 """START HERE: the page of a run, written into OUT."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
@@ -15,6 +17,8 @@ from stereo_seecolor.report.calibration_std import calibration_note, calibration
 from stereo_seecolor.report.chart_records import kept_charts
 from stereo_seecolor.report.early_frames import FORMAT, page_stage
 from stereo_seecolor.report.example_frames import example_frames
+from stereo_seecolor.report.frame_blocks import FOLDER as FRAME_BLOCKS
+from stereo_seecolor.report.frame_blocks import frame_blocks
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.kept_measures import FILE as MEASURES
 from stereo_seecolor.report.kept_measures import read_kept_measures
@@ -82,13 +86,17 @@ def write_page(
     left_out |= write_map_files(folder, facts)
     kept, problem = _kept_on_page(run)
     left_out |= problem
+    blocks, scripts = frame_blocks(facts)
+    former = [name for name in folder.dive.record.files if name.startswith(f"{FRAME_BLOCKS}/")]
+    folder.dive.remove(*(name for name in former if name not in scripts))
     files = {
         f"{PAGE}/{name}": (STATIC / name).read_bytes()
         for name in ASSETS
         if (STATIC / name).is_file()
     }
     files |= {
-        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | kept),
+        **scripts,
+        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | blocks | kept),
         INDEX: render(facts, shown, kept_charts(folder)),
     }
     folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
@@ -159,19 +167,29 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "calibration": calibration_note(known),
         "calibration_std": known.total,
         "geometry": asdict(run.geometry) if run.geometry else None,
-        "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "north": facts.map is not None and facts.map.origin is not None,
         "area_m2": facts.map.area_m2 if facts.map else None,
         "image_suffix": _suffix(run),
-        "shelves": _subfolders(run),
         **_white(facts.water),
-        "shown": {
-            name: [product.split("/")[1] for product in products]
-            for name, products in shown.items()
-        },
-        **columns(facts),
+        "frames": _frames(facts, shown),
     }
+
+
+def _frames(facts: DiveFacts, shown: Shown) -> bytes:
+    """What the page knows of all frames at once, deflated: some ten bytes a frame. shown, shelves:
+    number of its products in the list of ``products`` (-1: none), and its folder.
+    """
+    found = columns(facts)
+    kinds = list(dict.fromkeys(shown.values()))
+    shelves = _subfolders(facts.run)
+    found |= {
+        "products": [[product.split("/")[1] for product in products] for products in kinds],
+        "shown": [kinds.index(shown[name]) if name in shown else -1 for name in found["names"]],
+        "shelves": [shelves.get(name, "") for name in found["names"]] if shelves else [],
+    }
+    text = json.dumps(found, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return deflated(text.encode("ascii"), repeats=True)
 
 
 def _white(water: Water | None) -> dict[str, Any]:
@@ -179,14 +197,6 @@ def _white(water: Water | None) -> dict[str, Any]:
     where each has its own.
     """
     return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
-
-
-def _poses(facts: DiveFacts) -> dict[str, list[float]]:
-    """Frame -> the upper three rows of its pose in the map's own coordinates."""
-    if facts.posed is None:
-        return {}
-    pairs = zip(facts.posed.frames, facts.posed.T_map_camera, strict=True)
-    return {frame.name: [round(float(value), 6) for value in T[:3].ravel()] for frame, T in pairs}
 
 
 def _subfolders(run: FinishedRun) -> dict[str, str]:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import GIVEN_POSES, REEF, Cli, CopyRun, Dive, SampleRun, command, contents
+from plane_decoder import dive_of
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
@@ -66,11 +67,6 @@ def out(copy_run: CopyRun, tmp_path: Path) -> Path:
     return copy_run(tmp_path / "out", 2, page="none")
 
 
-def data(out: Path) -> dict:
-    text = (out / "page/dive.js").read_text("ascii")
-    return json.loads(text.removeprefix("seecolor.dive(").removesuffix(");\n"))
-
-
 def colors(path: Path) -> np.ndarray:
     """The mean color of an image, which JPEG leaves as it is."""
     return cv2.imread(str(path)).astype(float).mean(axis=(0, 1))
@@ -82,7 +78,7 @@ def colors(path: Path) -> np.ndarray:
 @pytest.mark.slow
 def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
     assert report(out).made == 2
-    assert data(out)["shown"] == {
+    assert dive_of(out)["shown"] == {
         name: ["thumbnails", "before", "ranges"] for name in ("0000", "0001")
     }
     for product in ("thumbnails", "before"):
@@ -97,12 +93,12 @@ def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
 @pytest.mark.slow
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
-    assert data(out)["calibration"].startswith(
+    assert dive_of(out)["calibration"].startswith(
         "Standard errors include a calibration error of 0.5 % of a length"
     )
-    assert "0.5 % is an assumption" in data(out)["calibration"]
-    assert "yaw" not in data(out)["calibration"]
-    assert data(out)["calibration_std"] == 0.005
+    assert "0.5 % is an assumption" in dive_of(out)["calibration"]
+    assert "yaw" not in dive_of(out)["calibration"]
+    assert dive_of(out)["calibration_std"] == 0.005
 
 
 @pytest.mark.slow
@@ -112,8 +108,8 @@ def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> 
         native.to_bytes(replace(rig, errors=RigErrors(0.003, 0.004, "Kalibr")))
     )
     report(out)
-    assert data(out)["calibration_std"] == pytest.approx(0.005)
-    assert "according to the calibration (Kalibr)" in data(out)["calibration"]
+    assert dive_of(out)["calibration_std"] == pytest.approx(0.005)
+    assert "according to the calibration (Kalibr)" in dive_of(out)["calibration"]
 
 
 @pytest.mark.slow
@@ -123,8 +119,8 @@ def test_what_the_check_measured_of_ranges_is_in_the_error_of_lengths(out: Path)
     (out / "run.json").write_text(json.dumps(described))
     report(out)
     measured = np.hypot(-0.01, 0.04)
-    assert data(out)["calibration_std"] == pytest.approx(np.hypot(0.005, measured))
-    assert "ranges at 1.8 m may be wrong by -1.0 ± 4 %" in data(out)["calibration"]
+    assert dive_of(out)["calibration_std"] == pytest.approx(np.hypot(0.005, measured))
+    assert "ranges at 1.8 m may be wrong by -1.0 ± 4 %" in dive_of(out)["calibration"]
     stated = replace(native.read(out / "rig.yaml"), errors=RigErrors(0.003, 0.004, "Kalibr"))
     (out / "rig.yaml").write_bytes(native.to_bytes(stated))
     assert calibration_std(open_run(out)).total == pytest.approx(0.005)  # not contradicted
@@ -145,7 +141,7 @@ def test_inputs_are_found_from_another_folder(
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     report(tmp_path / "out")
-    assert "before" in data(tmp_path / "out")["shown"]["0000"]
+    assert "before" in dive_of(tmp_path / "out")["shown"]["0000"]
 
 
 @pytest.mark.slow
@@ -154,10 +150,10 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
     (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, refinement=refinement)))
     report(out)
-    said = re.search(r"yaw adds ([0-9.]+) % at a range of ([0-9.]+) m", data(out)["calibration"])
+    said = re.search(r"yaw adds ([0-9.]+) % at a range of ([0-9.]+) m", dive_of(out)["calibration"])
     assert said
     assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
-    assert data(out)["calibration_std"] == pytest.approx(
+    assert dive_of(out)["calibration_std"] == pytest.approx(
         np.hypot(0.005, float(said[1]) / 100), rel=0.05
     )
 
@@ -165,7 +161,7 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
 @pytest.mark.slow
 def test_every_plot_has_a_title(out: Path) -> None:
     report(out)
-    found = data(out)
+    found = dive_of(out)
     written = {
         "light_gain",
         "exposure",
@@ -210,7 +206,7 @@ def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_pa
     assert re.search(
         r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S
     )
-    assert data(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
+    assert dive_of(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
 
 
 @pytest.mark.slow
@@ -237,7 +233,7 @@ def test_names_with_markup_stay_text(make_dive: Callable[..., Dive], tmp_path: P
     assert NASTY not in page
     assert "&lt;img src=x onerror=alert(1)&gt;" in page
     assert "corrected/%3Cimg%20src%3Dx%20onerror%3Dalert%281%29%3E.png" in page
-    assert NASTY in data(tmp_path / "out")["names"]
+    assert NASTY in dive_of(tmp_path / "out")["names"]
 
 
 @pytest.mark.slow
@@ -312,7 +308,7 @@ def test_what_a_run_makes_of_its_frames_in_memory_is_what_their_files_give(
         patched.setattr(FrameFiles, "make", None)  # reads files
         run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
     made = {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")}
-    assert len(made) == 6
+    assert len(made) == 7
     shutil.rmtree(out / "page")
     report(out)
     assert {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")} == made
@@ -357,7 +353,7 @@ def test_without_inputs_the_page_shows_what_there_is(
     go(dive, out)
     shutil.rmtree(dive.root)
     assert report(out).made == 2
-    assert data(out)["shown"]["0001"] == ["thumbnails", "ranges"]
+    assert dive_of(out)["shown"]["0001"] == ["thumbnails", "ranges"]
 
 
 @pytest.mark.slow
@@ -366,7 +362,7 @@ def test_a_damaged_frame_is_named_and_left_out(out: Path) -> None:
     result = report(out)
     assert result.left_out.keys() == {"0001"}
     assert "run again" in result.left_out["0001"]
-    assert list(data(out)["shown"]) == ["0000"]
+    assert list(dive_of(out)["shown"]) == ["0000"]
 
 
 # Nothing of a user's is lost
@@ -397,7 +393,7 @@ def test_a_pair_that_is_gone_takes_its_pictures_along(
     go(dive, out)
     assert not list((out / "page").rglob("0002*"))
     report(out)
-    assert data(out)["names"] == ["0000", "0001"]
+    assert dive_of(out)["names"] == ["0000", "0001"]
 
 
 @pytest.mark.slow
@@ -481,7 +477,7 @@ def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_p
     assert "White point: all colors may share a tint of about" in (
         tmp_path / "out/index.html"
     ).read_text("utf-8")
-    assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
+    assert set(dive_of(tmp_path / "out")["shown"]) == {"0000", "0001"}
 
 
 class Watch:

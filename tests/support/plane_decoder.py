@@ -1,6 +1,7 @@
 """Reads what the page's scripts hold, as web/src/codes.ts does."""
 
 import json
+import zlib
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,14 @@ def script_values(path: Path) -> list[Any]:
     content = path.read_bytes()
     text = content.decode("utf-16" if content[:1] == b"\xff" else "ascii")
     return list(json.loads(f"[{text[text.index('(') + 1 : text.rindex(')')]}]"))
+
+
+def dive_of(out: Path) -> dict[str, Any]:
+    """The data of a dive that the page of OUT begins with; ``shown`` by the frames' names."""
+    (dive,) = script_values(out / "page/dive.js")
+    dive |= json.loads(zlib.decompress(bytes_of(dive.pop("frames"))))
+    pairs = zip(dive["names"], dive["shown"], strict=True)
+    return dive | {"shown": {name: dive["products"][kind] for name, kind in pairs if kind >= 0}}
 
 
 def bytes_of(text: str) -> bytes:

@@ -23,13 +23,11 @@ export interface Piece {
   finer: string[]; // which the script of this piece lists, or this list
 }
 
-/** Metrics of squares: each row is a center x, y and a number for each name, null where unknown; heights are averaged over cells of scale_m. */
+/** Metrics of squares, whose numbers are loaded once they are looked at; heights are averaged over cells of scale_m. */
 export interface Squares {
   edge_m: number;
   scale_m: number;
   names: string[];
-  rows: (number | null)[][];
-  std: (number | null)[][]; // for each name
 }
 
 export interface About {
@@ -40,7 +38,7 @@ export interface About {
   raw?: Place;
   gaps?: Place; // of the hatch over what has no height
   terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number; correlation_m: number }; // over which errors of heights are alike
-  squares: Squares | null;
+  squares?: Squares;
   preview: string;
   offset_m: number[];
   range_scale: number; // of the frames' own ranges, to those of the map
