@@ -14,7 +14,6 @@ processor time of a picture of a moving view; of the whole map, near, and after 
 """
 
 import argparse
-import base64
 import json
 import math
 import os
@@ -25,13 +24,16 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 
+from stereo_seecolor.report.frame_blocks import blocks_of
 from stereo_seecolor.report.map_mesh import packed_steps
+from stereo_seecolor.report.templates import FIRST, script
 
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 KIND = re.compile("--type=([a-z-]+)")
@@ -65,7 +67,7 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     shutil.copytree(out / "page/map/heights", folder / "page/map/heights")
     shutil.copy(out / "index.html", folder)
     about = content(out / "page/map/map.js")[0]
-    of_one = len(content(out / "page/dive.js")[0]["poses"])
+    of_one = sum(each["frames"] for each in content(out / "page/dive.js")[0]["blocks"] if each)
     edge = math.ceil(math.sqrt(frames / of_one))
     (top,) = {*about["textured"]} - {n for p in about["textured"].values() for n in p["finer"]}
     (root,) = about["textured"][top]["finer"]  # the coarsest piece with images
@@ -98,9 +100,62 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     write(out, folder, top, "top", 2**level, offset_m, {})
     about["pieces"] = {"top": entry | {"finer": []}}
     about["textured"] = {"top": entry | {"finer": [*of_level]}, **of_level}
-    text = f"seecolor.map({json.dumps(about, separators=(',', ':'))});\n"
-    (folder / "page/map/map.js").write_text(text)
+    (folder / "page/map/map.js").write_bytes(script("map", about))
+    write_frames(out, folder, edge, size_m)
+    write_squares(out, folder, edge, size_m)
     return of_one * edge**2
+
+
+def write_frames(out: Path, folder: Path, edge: int, size_m: list[float]) -> None:
+    """The dive's frames in each copy of the map, and their blocks."""
+    (dive,) = content(out / "page/dive.js")
+    of_one = json.loads(zlib.decompress(dive["frames"]))
+    blocks = [content(path)[1] for path in numbered(out / "page/frames")]
+    poses = np.concatenate(
+        [np.frombuffer(each["poses"], "<f4").reshape(-1, 3, 4) for each in blocks]
+    )
+    places = [(column, row) for column in range(edge) for row in range(edge)]
+    offsets_m = np.array(places, np.float32) * np.array(size_m, np.float32)
+    all_poses = np.tile(poses, (len(places), 1, 1))
+    all_poses[:, :2, 3] += np.repeat(offsets_m, len(poses), axis=0)
+    count = len(places)
+    frames = of_one | {
+        "names": [f"{name}_{i}" for i in range(count) for name in of_one["names"]],
+        **{key: of_one[key] * count for key in ("status", "shown", "shelves")},
+    }
+    columns = {
+        plot: {
+            name: [v for each in blocks for v in each["plots"][plot][name]] * count
+            for name in curves
+        }
+        for plot, curves in dive["plots"].items()
+    }
+    about, scripts = blocks_of(all_poses.astype(np.float64), columns)
+    shutil.rmtree(folder / "page/frames")
+    (folder / "page/frames").mkdir()
+    for path, written in scripts.items():
+        (folder / path).write_bytes(written)
+    text = json.dumps(frames, separators=(",", ":")).encode()
+    dive |= {"blocks": about, "frames": zlib.compress(text, 6)}
+    (folder / "page/dive.js").write_bytes(script("dive", dive))
+
+
+def write_squares(out: Path, folder: Path, edge: int, size_m: list[float]) -> None:
+    """The metrics of squares in each copy of the map."""
+    (folder / "page/map/squares").mkdir()
+    for path in numbered(out / "page/map/squares"):
+        number, packed = content(path)
+        places = np.array([(i, k) for i in range(edge) for k in range(edge)], np.float32)
+        squares = np.frombuffer(packed, "<f4").reshape(-1, 4)
+        all_squares = np.tile(squares, (len(places), 1))
+        all_squares[:, :2] += np.repeat(places * np.array(size_m, np.float32), len(squares), axis=0)
+        made = script("squares", number, all_squares.tobytes())
+        (folder / f"page/map/squares/{path.name}").write_bytes(made)
+
+
+def numbered(folder: Path) -> list[Path]:
+    """The scripts of a folder, by their numbers."""
+    return sorted(folder.glob("*.js"), key=lambda path: int(path.stem))
 
 
 def copied(
@@ -140,9 +195,26 @@ def copies(edge: int, written: int) -> Iterator[tuple[int, int, bool]]:
 
 
 def content(path: Path) -> list[Any]:
-    """The data of a script."""
-    text = path.read_text()
-    return list(json.loads(f"[{text[text.index('(') + 1 : text.rindex(')')]}]"))
+    """The data of a script; bytes where a text holds them."""
+    read = path.read_bytes()
+    text = read.decode("utf-16" if read[:1] == b"\xff" else "ascii")
+    return list(
+        json.loads(
+            f"[{text[text.index('(') + 1 : text.rindex(')')]}]",
+            object_hook=lambda each: {key: bytes_of(value) for key, value in each.items()},
+        )
+    )
+
+
+def bytes_of(value: Any) -> Any:
+    """Bytes from 15 bits a character, as stereo_seecolor/report/templates.py writes them; other
+    values as they are.
+    """
+    if not isinstance(value, str) or min(value[1:], default="") < chr(FIRST):
+        return value
+    units = np.frombuffer(value[1:].encode("utf-16-le"), "<u2") - np.uint16(FIRST)
+    bits = np.unpackbits(units.astype(">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 1:]
+    return np.packbits(bits).tobytes()[: 15 * len(units) // 8 - int(value[0])]
 
 
 def moved(piece: dict[str, Any], scale: int, offset_m: list[float]) -> dict[str, Any]:
@@ -168,23 +240,21 @@ def write(
     finer: dict[str, Any],
 ) -> None:
     """The script of a piece, stretched along the map and moved. finer: the pieces that it lists."""
-    path = out / f"page/map/{name}.js"
-    receiver = path.read_text().partition("(")[0]
-    _, packed, _ = content(path)
+    _, packed, _ = content(out / f"page/map/{name}.js")
+    receiver = "textured" if isinstance(packed, list) else "mesh"
     for part in packed if isinstance(packed, list) else [packed]:
         part["low_m"] = placed(part["low_m"], scale, offset_m)
         if scale > 1:
             part["positions"] = packed_steps(steps_of(part) // np.array([1, 1, scale]))
             part["step_m"] *= scale
-    values = ",".join(json.dumps(each, separators=(",", ":")) for each in (new, packed, finer))
-    text = f"{receiver}({values});\n"
-    (folder / f"page/map/{new}.js").write_text(text)
+    (folder / f"page/map/{new}.js").write_bytes(script(receiver, new, packed, finer))
 
 
 def steps_of(part: dict[str, Any]) -> NDArray[np.int64]:
     """(N, 3) the places of the vertices, as web/src/pieces.ts reads them."""
-    deflated = base64.b85decode(part["positions"])
-    planes = np.frombuffer(zlib.decompress(deflated), np.uint8).reshape(3, -1).astype(np.int64)
+    planes = (
+        np.frombuffer(zlib.decompress(part["positions"]), np.uint8).reshape(3, -1).astype(np.int64)
+    )
     folded = planes[0] | planes[1] << 8 | planes[2] << 16
     differences = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1)
     return np.asarray(differences.cumsum(axis=1).T)
@@ -272,13 +342,22 @@ def main(out: Path, folder: Path, frames: int, written: int) -> None:
     """Draw the page, and look at it."""
     folder.mkdir()
     drawn = repeated(out, folder, frames, written)
-    listed_mb = (folder / "page/map/map.js").stat().st_size / 1e6
-    print(f"{drawn} frames; the list of pieces has {listed_mb:.1f} MB")
+    opened_kb = {
+        name: round((folder / "page" / name).stat().st_size / 1e3)
+        for name in ("dive.js", "map/map.js")
+    }
+    later_mb = {
+        name: round(sum(p.stat().st_size for p in (folder / "page" / name).iterdir()) / 1e6, 1)
+        for name in ("frames", "map/squares")
+    }
+    print(f"{drawn} frames; lists, kB: {opened_kb}; by need, MB: {later_mb}")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=list(SOFTWARE)
         )
         page = browser.new_page(viewport={"width": 1280, "height": 800})
+        loaded = list[str]()
+        page.on("request", lambda request: loaded.append(request.url))
         start_s = time.monotonic()
         page.goto(f"{(folder.resolve() / 'index.html').as_uri()}#map", wait_until="commit")
         canvas = page.locator(".map-stage canvas[data-triangles]:not([data-triangles='0'])")
@@ -286,6 +365,8 @@ def main(out: Path, folder: Path, frames: int, written: int) -> None:
         print(f"first picture after {time.monotonic() - start_s:.1f} s")
         rested(page)
         print(f"all of it after {time.monotonic() - start_s:.1f} s")
+        read_mb = sum(Path(unquote(urlsplit(url).path)).stat().st_size for url in loaded) / 1e6
+        print(f"until then {len(loaded)} files of {read_mb:.1f} MB were read")
         said(page, "whole map")
         box = page.locator(".map-stage").bounding_box()
         assert box

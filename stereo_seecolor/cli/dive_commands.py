@@ -272,7 +272,7 @@ def _end_with_map(
     report.say(run_text(summary, out))
     with report.working() as listener:
         made = fuse(listener)
-        page = write_page(out, listener, brief=True).page
+        page = write_page(out, listener).page
         recorded = _record(out, out_mcap)
     content = {**run_content(summary, out), "page": page, "map": made}
     report.end(

@@ -27,7 +27,7 @@ def fuse(
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
         made = fuse_frames(out, poses, settings.load(run=out), listener, compute)
-        page = write_page(out, listener, brief=True).page
+        page = write_page(out, listener).page
     text = map_text(made) + page_text(page)
     report.end({"out": out, "page": page, "map": made}, text, map_exit_code(made))
 

@@ -10,14 +10,11 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 
 
-def report(
-    out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False
-) -> PageSummary:
+def report(out: Path, listener: Listener | None = None, *, charts: bool = False) -> PageSummary:
     """Write ``out``/index.html and its files, ``out``/page. The page needs neither a network nor
     the program.
 
-    Only what changed since an earlier page is made. brief: the quick page of run and fuse, on which
-    only some frames of a long dive are shown in full. charts: search all frames for color charts,
+    Only what changed since an earlier page is made. charts: search all frames for color charts,
     which takes seconds a frame, and compare the views of the same spots; later pages of the same
     frames show these results, too.
     Raises InputError if ``out`` holds no run, or files of it are damaged; OutputError if the page
@@ -30,4 +27,4 @@ def report(
         if charts:
             load("page_parts", "charts", needs=("__call__",))(folder, run, listener)
         listener.begin("page", len(run.frames))
-        return write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))
+        return write_page(folder, run, lambda done, _: listener.advance(FrameRow(f"{done}")))

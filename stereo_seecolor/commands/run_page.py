@@ -42,8 +42,8 @@ class RunPage:
         return replace(self.options, listener=Both(self.options.listener, live))
 
     def early_frames(self) -> "EarlyFrames | None":
-        """What makes the page's files of some frames while the run has their pixels; None where the
-        run writes no page.
+        """What makes the page's files of frames while the run has their pixels; None where the run
+        writes no page.
         """
         if (
             self.options.page == "none"
@@ -53,9 +53,9 @@ class RunPage:
             return None
         if not self.options.shard.whole:
             return None
-        from stereo_seecolor.report.early_frames import EarlyFrames, frames_in_full
+        from stereo_seecolor.report.early_frames import EarlyFrames
 
-        return EarlyFrames(frozenset(frames_in_full(self.run.names)), self.run.rectification.pair)
+        return EarlyFrames(self.run.rectification.pair)
 
     def keep(self) -> None:
         """Keep the live page until the final one replaces it: a browser that finds no page stops
@@ -77,7 +77,7 @@ class RunPage:
             self.folder.dive.remove(INDEX)
 
     def end(self, stopped: bool) -> None:
-        """Write the brief page of a run that has ended. A stopped run gets one only where a live
+        """Write the page of a run that has ended. A stopped run gets one only where a live
         page is to be replaced.
 
         Raises OutputError; InputError if files that the page is made from are missing.
@@ -89,6 +89,4 @@ class RunPage:
 
         finished = open_run(self.folder.root)
         listener.begin("page", len(finished.frames))
-        write_page(
-            self.folder, finished, True, lambda done, _: listener.advance(FrameRow(f"{done}"))
-        )
+        write_page(self.folder, finished, lambda done, _: listener.advance(FrameRow(f"{done}")))

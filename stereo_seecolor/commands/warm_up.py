@@ -71,7 +71,8 @@ def warm_up_fit() -> None:
     """Compile the kernels of decoding, counting, the cloud, and the page's ranges; load those of
     fitting.
     """
-    from stereo_seecolor.report.range_code import CodedRanges
+    from stereo_seecolor.report.plane_code import coded
+    from stereo_seecolor.report.range_code import range_codes
 
     image, range_m = _noise()
     quickly_decoded(cv2.imencode(".png", image)[1].tobytes())
@@ -84,7 +85,7 @@ def warm_up_fit() -> None:
         RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays,
         image,
     )
-    CodedRanges.of(range_m, range_m)
+    coded(range_codes(range_m, range_m)[0])
 
 
 def warm_up_correction() -> None:

@@ -81,13 +81,9 @@ class PairSource(Protocol):
 
 
 class PageFrames(Protocol):
-    """Frames whose files for the page are made while they are corrected, so that their images need
-    not be decoded again.
+    """Makes the page's files of frames while they are corrected, so that their images need not be
+    decoded again.
     """
-
-    @property
-    def names(self) -> frozenset[str]:
-        """Their names."""
 
     def stage(self, corrected_key: str) -> StageRecord:
         """The record of a frame's files on the page. corrected_key: key of the corrected frame that
@@ -326,7 +322,7 @@ def correct_frame(
             record = frames.folder.frames.save(
                 ranged.record.with_stage("corrected", stage), "corrected", files
             )
-        if page and pair.name in page.names:
+        if page:
             with clock("page"):
                 _save_for_page(frames, page, record, frame)
     frames.pixels.drop(pair.name, ranged.key)

@@ -1,8 +1,8 @@
-"""Makes the page's files of some frames while the run has their pixels in memory, so that they need
-not be decoded again.
+"""Makes the page's files of frames while the run has their pixels in memory, so that they need not
+be decoded again.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,16 +15,9 @@ from stereo_seecolor.report.frame_files import Files, Pixels, contents_of
 from stereo_seecolor.run_folder.layout import page_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 
-FORMAT = "4"
+FORMAT = "5"
 """Version of the files of a frame; increased when their content changes, so that those of an
 earlier program are made again.
-"""
-BRIEF_FRAMES = 24
-"""Frames, spread over the dive, that a brief page shows in full; of the others it shows only the
-corrected images.
-
-A pair of 1280x1024 takes some 50 ms of processor time while the run has it in memory: 1 % of a run
-over 500 pairs.
 """
 
 
@@ -36,16 +29,10 @@ def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
     return StageRecord(content_key(settings, corrected_key, with_before), settings)
 
 
-def frames_in_full(names: Sequence[str]) -> list[str]:
-    """The frames of a dive that a brief page shows in full, besides the examples."""
-    return list(names[:: -(-len(names) // BRIEF_FRAMES) or 1])
-
-
 @dataclass(frozen=True)
 class EarlyFrames:
-    """Makes the page's files of the frames of these names. geometry: of the rectified images."""
+    """Makes the page's files of frames. geometry: of the rectified images."""
 
-    names: frozenset[str]
     geometry: RectifiedPair | None
 
     def stage(self, corrected_key: str) -> StageRecord:

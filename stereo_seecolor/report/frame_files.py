@@ -22,7 +22,8 @@ from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
-from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
+from stereo_seecolor.report.plane_code import coded
+from stereo_seecolor.report.range_code import range_codes, std_codes
 from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.layout import RIG, page_path
@@ -109,12 +110,14 @@ def contents_of(
     frame: Pixels, before: Image | None, geometry: RectifiedPair | None
 ) -> dict[str, bytes]:
     """Product -> content of the page's files of a frame. before: its rectified image, uncorrected;
-    None where it is missing.
+    None where it is missing. A corrected image that browsers show at once is not written again.
 
     Raises InputError if one of the frame's files is missing or damaged.
     """
     color = frame.read("corrected")
-    files = {"page/thumbnails": preview(color, THUMBNAIL), "page/after": preview(color, SCREEN)}
+    files = {"page/thumbnails": preview(color, THUMBNAIL)}
+    if color.dtype == np.float32 or max(color.shape[:2]) > SCREEN.longer_px:
+        files["page/after"] = preview(color, SCREEN)
     if before is not None:
         files["page/before"] = preview(before, SCREEN)
     if geometry is not None:
@@ -127,17 +130,17 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
     confidence = frame.read("confidence")
     range_m = np.where(confidence > 0, frame.read("range"), np.float32(np.nan))
     std_m = _std_m(frame, range_m, geometry)
-    ranges = CodedRanges.of(range_m, std_m)
+    codes, step_per_m = range_codes(range_m, std_m)
     every = np.s_[::OVERLAY_STEP_PX, ::OVERLAY_STEP_PX]
     content = {
         "height": range_m.shape[0],
         "width": range_m.shape[1],
-        "step_per_m": ranges.step_per_m,
-        "ranges": text(deflated(ranges.packed)),
-        "known": text(deflated(np.packbits(ranges.known))),
-        "std": text(deflated(std_codes(std_m))),
-        "confidence": text(deflated(_rounded(confidence[every]))),
-        "mask": text(deflated(frame.read("mask")[every])),
+        "step_per_m": step_per_m,
+        "ranges": coded(codes),
+        "known": coded(codes >= 0),
+        "std": coded(std_codes(std_m)),
+        "confidence": coded(_sixteenths(confidence[every])),
+        "mask": coded(frame.read("mask")[every]),
     }
     return script("ranges", frame.name, content)
 
@@ -153,6 +156,6 @@ def raw_is_there(frame: FinishedFrame) -> bool:
     return frame.left != Path() and is_there(frame.left)
 
 
-def _rounded(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Confidence in 16 steps, which compress well; only unknown pixels become 0."""
-    return np.where(confidence > 0, np.maximum(confidence & 0xF0, 16), 0).astype(np.uint8)
+def _sixteenths(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Confidence in 16 steps, which take few bytes; only unknown pixels become 0."""
+    return np.where(confidence > 0, np.maximum(confidence >> 4, 1), 0).astype(np.uint8)

@@ -1,7 +1,5 @@
 """Heights of a map's terrain for the page: tiles of 16-bit numbers in steps of a twentieth of a
 millimeter.
-
-Codes are predicted from their neighbors, as those of ranges are (range_code.py), and deflated.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,8 +11,7 @@ import numpy as np
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.prediction import UNKNOWN, predicted
-from stereo_seecolor.report.range_code import deflated, text
+from stereo_seecolor.report.plane_code import UNKNOWN, coded
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 
 
@@ -49,8 +46,8 @@ def coded_heights(heights_m: Map) -> dict[str, Any]:
         "width": heights_m.shape[1],
         "low_m": low_m,
         "step_m": step_m,
-        "heights": text(deflated(predicted(codes))),
-        "known": text(deflated(np.packbits(known))),
+        "heights": coded(codes),
+        "known": coded(known),
     }
 
 

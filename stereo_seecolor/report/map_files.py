@@ -4,9 +4,8 @@ fusion.
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TER
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "11"
+FORMAT = "12"
 STRIP_VOXELS = 1
 """Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
 cell, and deflate well.
@@ -44,21 +43,17 @@ Pieces = dict[str, dict[str, Any]]
 """Entries of pieces, by their names."""
 
 
-def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict[str, str]:
+def write_map_files(folder: RunFolder, facts: DiveFacts) -> dict[str, str]:
     """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
-    with_raw: also write the map in uncorrected colors, from frames whose image before correction is
-    on the page; it is made again when more of them are. Without it, such files of an earlier page
-    are kept.
     Returns the rasters of the map that are damaged, which the page goes without: path in OUT ->
     why.
     """
     made = facts.map
-    key = content_key(FORMAT, False, *_stamps(made)) if made else ""
-    painted = content_key(*painted_from(facts.posed)) if with_raw and facts.posed else ""
+    key = content_key(*_stamps(made)) if made else ""
+    made_from = content_key(FORMAT, key, *(painted_from(facts.posed) if facts.posed else ()))
     earlier = [name for name in folder.dive.record.files if name.startswith(f"{FOLDER}/")]
-    key_before, _, painted_before = folder.dive.record.made_from.get(FOLDER, "").partition(" ")
-    current = key == key_before and (painted_before == painted or not with_raw)
+    current = folder.dive.record.made_from.get(FOLDER) == made_from
     if earlier and current and all((folder.root / name).is_file() for name in earlier):
         return {}
     if earlier:
@@ -72,10 +67,9 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> dict
         and can_read_rasters()
         and (why := raster_problem(made.folder / name, bands))
     }
-    files = _MapFiles.of(facts, made, with_raw, frozenset(damaged))
+    files = _MapFiles.of(facts, made, frozenset(damaged))
     # a page without a part is not kept: the next report makes it again, and names what is damaged
-    made_from = f"{'' if damaged else key} {painted}"
-    folder.dive.write_folder(FOLDER, files.contents(key), made_from=made_from)
+    folder.dive.write_folder(FOLDER, files.contents(key), made_from="" if damaged else made_from)
     return {f"{MAP}/{name}": why for name, why in damaged.items()}
 
 
@@ -103,14 +97,10 @@ class _MapFiles:
     has_gaps: bool
 
     @classmethod
-    def of(
-        cls, facts: DiveFacts, made: FinishedMap, with_raw: bool, damaged: frozenset[str]
-    ) -> "_MapFiles":
+    def of(cls, facts: DiveFacts, made: FinishedMap, damaged: frozenset[str]) -> "_MapFiles":
         there = {name: (made.folder / name).is_file() and name not in damaged for name in RASTERS}
         terrain = TerrainImages.open(made.folder / TERRAIN) if there[TERRAIN] else None
-        raw = (
-            RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
-        )
+        raw = RawMosaic.paint(facts.posed, terrain) if terrain and facts.posed else None
         std_m = height_std_m(facts.run)
         has_gaps = bool(there[GAPS] and terrain and fits(made.folder / GAPS, terrain.about))
         return cls(made, facts.posed, std_m, terrain, raw, facts.squares, there[MOSAIC], has_gaps)
@@ -126,7 +116,13 @@ class _MapFiles:
             "range_scale": self.made.range_scale,
             "preview": f"{MAP}/orthomosaic_preview.png",
         }
-        about["squares"] = _squares(self.squares, self.made.cell_m["metrics_m"])
+        if self.squares is not None and len(self.squares.rows):
+            about["squares"] = {
+                "edge_m": self.made.cell_m["metrics_m"],
+                "scale_m": self.squares.scale_m,
+                "names": list(self.squares.names),
+            }
+            yield from _squares(self.squares, self.made.offset_m)
         path = self.made.folder / MESH
         mesh = MeshSource.open(path) if path.is_file() else None
         if mesh is not None and len(mesh.triangles):
@@ -156,9 +152,11 @@ class _MapFiles:
                 finer = _taken(painted, tile["finer"])
                 painted[tile_name] = _around(tile, finer)
                 yield f"{tile_name}.js", script("textured", tile_name, parts, finer)
-        if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
-            name = _name(len(made) - 1, next(iter(made[-1].boxes)))
-            painted[name] = about["pieces"][name] | {"finer": sorted(painted)}
+            if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
+                ((_, piece),) = made[-1].tiles()
+                (entry,) = about["pieces"].values()
+                painted["whole"] = entry | {"finer": sorted(painted)}
+                yield "whole.js", self._script("whole", piece, made[-1].cell_m, {})
 
     def _level(self, pieces: Pieces, number: int, level: Level) -> Files:
         """The files of a level's tiles, each of which is listed in ``pieces`` instead of those
@@ -173,18 +171,19 @@ class _MapFiles:
                 pieces[name] = _around(entry, finer)
                 yield name, piece, finer
 
-        made = Threads(cores()).each(partial(self._piece, level.cell_m), named())
-        yield from chain.from_iterable(made)
+        yield from Threads(cores()).each(partial(self._piece, level.cell_m), named())
 
-    def _piece(self, cell_m: float, named: tuple[str, Piece, Pieces]) -> list[tuple[str, bytes]]:
-        """The files of a tile of the mesh, of a level with cells of that edge."""
+    def _piece(self, cell_m: float, named: tuple[str, Piece, Pieces]) -> tuple[str, bytes]:
+        """The file of a tile of the mesh, of a level with cells of that edge."""
         name, piece, finer = named
+        if self.raw is not None:  # the images on the surface show the corrected colors
+            piece = replace(piece, colors=self.raw.colors_of(piece, self.made.offset_m))
+        return f"{name}.js", self._script(name, piece, cell_m, finer)
+
+    @staticmethod
+    def _script(name: str, piece: Piece, cell_m: float, finer: Pieces) -> bytes:
         strips = piece.in_strips(STRIP_VOXELS * cell_m)
-        packed = script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel), finer)
-        if self.raw is None:
-            return [(f"{name}.js", packed)]
-        raw = script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
-        return [(f"{name}.js", packed), (f"{name}_raw.js", raw)]
+        return script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel), finer)
 
     def _terrain(self, about: dict[str, Any], mesh: MeshSource | None) -> Files:
         terrain = self.terrain
@@ -248,20 +247,12 @@ def _around(entry: dict[str, Any], finer: Pieces) -> dict[str, Any]:
     return entry | {"low_m": low_m.min(axis=0).tolist(), "high_m": high_m.max(axis=0).tolist()}
 
 
-def _squares(squares: Squares | None, edge_m: float) -> dict[str, Any] | None:
-    """The metrics of each square: names, center x, y with the values, and standard errors; None
-    where unknown.
+def _squares(squares: Squares, offset_m: list[float]) -> Files:
+    """A script for each metric: x and y of each square in the map's own coordinates, value and
+    standard error, NaN if unknown.
     """
-    if squares is None:
-        return None
-    rows, std = (
-        [[float(f"{v:.5g}") if np.isfinite(v) else None for v in row] for row in values]
-        for values in (squares.rows, squares.std)
-    )
-    return {
-        "edge_m": edge_m,
-        "scale_m": squares.scale_m,
-        "names": list(squares.names),
-        "rows": rows,
-        "std": std,
-    }
+    places_m = squares.rows[:, :2] - np.array(offset_m[:2])
+    for number in range(len(squares.names)):
+        columns = places_m, squares.rows[:, [2 + number]], squares.std[:, [number]]
+        content = np.concatenate(columns, axis=1).astype("<f4").tobytes()
+        yield f"squares/{number}.js", script("squares", number, content)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.report.map_images import Box, pyramid
-from stereo_seecolor.report.range_code import deflated, text
 
 STRIPE_PX, PERIOD_PX = 3, 8
 """Of a hatch, along a row, at every level of detail."""
@@ -58,6 +58,6 @@ def hatch(codes: NDArray[np.uint8], corner_px: tuple[int, int]) -> NDArray[np.ui
     return np.where((codes > 0)[..., None], colors, 0).astype(np.uint8)
 
 
-def packed_reasons(codes: NDArray[np.uint8]) -> dict[str, str]:
+def packed_reasons(codes: NDArray[np.uint8]) -> dict[str, bytes]:
     """What a tile of heights gets beside them; nothing where it has no gap."""
-    return {"gaps": text(deflated(codes, repeats=True))} if codes.any() else {}
+    return {"gaps": deflated(codes.tobytes(), repeats=True)} if codes.any() else {}

@@ -17,7 +17,7 @@ from stereo_seecolor.files.rasters import open_raster
 TILE_PX = 512
 FIRST_LEVEL = 8
 """At most 256 pixels: coarser levels are never viewed."""
-WEBP_QUALITY = 80
+WEBP_QUALITY = 75
 SAMPLE_PX = 2400
 """Longer side, pixels, of the reduced terrain whose lowest and highest heights are found."""
 LIGHT = np.array([-0.5, 0.5, 0.7071])

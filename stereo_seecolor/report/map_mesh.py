@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.report.range_code import deflated, text
+from stereo_seecolor.files.deflate import deflated
 
 
 @dataclass(frozen=True)
@@ -99,22 +99,20 @@ def packed_surface(
         "low_m": [float(value) for value in low * step_m],
         "step_m": step_m,
         "positions": packed_steps(steps - low),
-        "indices": text(
-            deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), repeats=True)
-        ),
+        "indices": deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), repeats=True),
     }
 
 
-def packed_steps(steps: NDArray[np.int64]) -> str:
+def packed_steps(steps: NDArray[np.int64]) -> bytes:
     """Whole numbers (N, C) of less than 23 bits as differences from row to row."""
-    return text(deflated(_planes(np.diff(steps, axis=0, prepend=0).T.ravel(), 3), repeats=True))
+    return deflated(_planes(np.diff(steps, axis=0, prepend=0).T.ravel(), 3), repeats=True)
 
 
-def packed_colors(colors: NDArray[np.uint8], rim: NDArray[np.bool_]) -> str:
+def packed_colors(colors: NDArray[np.uint8], rim: NDArray[np.bool_]) -> bytes:
     """Colors (N, 3) as the page reads them, in steps; darker where the mesh ends (N,)."""
     shaded = np.where(rim[:, None], np.maximum(colors.astype(np.int64) - RIM_SHADE, 0), colors)
     steps = (shaded // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
-    return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0))))
+    return deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0)).tobytes())
 
 
 def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -140,15 +138,14 @@ def _newest_first(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.take_along_axis(triangles, corners, axis=1)
 
 
-def _planes(differences: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
-    """(count, N) bytes of numbers of either sign, the lowest first."""
+def _planes(differences: NDArray[np.int64], count: int) -> bytes:
+    """``count`` bytes of each number of either sign, the lowest of all first."""
     return _bytes(((differences << 1) ^ (differences >> 63)).astype(np.uint64), count)
 
 
-def _bytes(numbers: NDArray[np.uint64], count: int) -> NDArray[np.uint8]:
-    return np.stack([(numbers >> np.uint64(8 * i)) & np.uint64(255) for i in range(count)]).astype(
-        np.uint8
-    )
+def _bytes(numbers: NDArray[np.uint64], count: int) -> bytes:
+    planes = [(numbers >> np.uint64(8 * i)) & np.uint64(255) for i in range(count)]
+    return np.stack(planes).astype(np.uint8).tobytes()
 
 
 def rim_of(triangles: NDArray[np.int64], points: int) -> NDArray[np.bool_]:

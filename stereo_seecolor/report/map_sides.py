@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.sides import area_over, sides_seen, step_m
 from stereo_seecolor.report.map_images import Box, TerrainImages
 from stereo_seecolor.report.mesh_levels import MeshSource
-from stereo_seecolor.report.range_code import deflated, text
 
 MARGIN_CELLS = 2
 """A cell is judged by the cells around it, and these by their neighbors."""
@@ -16,7 +16,7 @@ MARGIN_CELLS = 2
 
 def packed_sides(
     terrain: TerrainImages, box: Box, mesh: MeshSource, offset_m: Sequence[float], std_m: float
-) -> dict[str, str]:
+) -> dict[str, bytes]:
     """What a tile of heights gets beside them: a bit for each cell; nothing where no sides are.
 
     box: left, top, width and height of the tile. offset_m: of the map's own coordinates, which are
@@ -37,4 +37,4 @@ def packed_sides(
     mesh_m2 = area_over(part.points_m, part.triangles, grid)
     sides = sides_seen(heights, mesh_m2, cell_m, step_m(cell_m, std_m))
     sides = sides[north : north + height, west : west + width]
-    return {"sides": text(deflated(np.packbits(sides), repeats=True))} if sides.any() else {}
+    return {"sides": deflated(np.packbits(sides).tobytes(), repeats=True)} if sides.any() else {}

@@ -20,7 +20,6 @@ from stereo_seecolor.report.map_mesh import (
     packed_surface,
 )
 from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
-from stereo_seecolor.report.range_code import text
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -36,7 +35,7 @@ class TextureSizes:
     pixels: int = 3_000_000  # of the images: loaded in a tenth of a second
     voxels_per_cell: float = 2.0  # finer cells are rough by noise, which smears what lies on them
     texels_per_cell: float = 4.0  # a surface as fine as its texture shows nothing more
-    jpeg_quality: int = 80  # errors below the noise of the images, a third of the bytes of 95
+    jpeg_quality: int = 75  # errors below the noise of the images
     steps_per_texel: int = 4  # of places in the texture
 
 
@@ -145,12 +144,12 @@ def _page(
     of_page = Piece(piece.points_m[at], piece.colors[at], mesh.triangles, piece.rim[at])
     nodes, triangles = in_strips(of_page, cell_m)
     size = pixels.shape[1::-1]
-    flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality]
+    flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
     jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
     texels = mesh.uv[nodes] * np.array(size, np.float32) * TEXTURES.steps_per_texel
     return packed_surface(of_page.points_m[nodes], triangles, step_m) | {
         "uv": packed_steps(np.rint(texels).astype(np.int64)),
         "uv_steps": TEXTURES.steps_per_texel,
         "size": size,
-        "jpeg": text(jpeg),
+        "jpeg": jpeg,
     }

@@ -1,6 +1,7 @@
 """START HERE: the page of a run, written into OUT."""
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,13 +9,16 @@ from typing import Any
 from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.chart_records import kept_charts
-from stereo_seecolor.report.early_frames import FORMAT, frames_in_full, page_stage
+from stereo_seecolor.report.early_frames import FORMAT, page_stage
 from stereo_seecolor.report.example_frames import example_frames
+from stereo_seecolor.report.frame_blocks import FOLDER as FRAME_BLOCKS
+from stereo_seecolor.report.frame_blocks import frame_blocks
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.kept_measures import FILE as MEASURES
 from stereo_seecolor.report.kept_measures import read_kept_measures
@@ -33,7 +37,7 @@ from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE
+from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE, page_path
 from stereo_seecolor.run_folder.manifest import FrameRecord
 
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
@@ -56,18 +60,16 @@ class PageSummary:
 
 
 def write_page(
-    folder: RunFolder, run: FinishedRun, brief: bool, progress: Callable[[int, int], None]
+    folder: RunFolder, run: FinishedRun, progress: Callable[[int, int], None]
 ) -> PageSummary:
     """Write OUT/index.html and OUT/page. Frames that an earlier page shows are not read again.
 
-    brief: show only some frames of a long dive in full, so that a run takes hardly longer.
     Raises OutputError; InputError if files that the page is made from are missing or damaged. A
     frame whose files are, or a raster of the map, is named in the summary and left out.
     """
     facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
-    whole = _spread(facts) if brief else {frame.name for frame in run.frames}
-    maker = _FrameMaker(folder, FrameFiles.of(run), frozenset(whole))
+    maker = _FrameMaker(folder, FrameFiles.of(run))
     made, left_out, shown = 0, {}, {}
     for number, (frame, record) in enumerate(
         zip(run.frames, Threads(cores()).each(maker.of, run.frames), strict=True)
@@ -81,16 +83,20 @@ def write_page(
     folder.dive.update(
         replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
     )
-    left_out |= write_map_files(folder, facts, with_raw=not brief)
+    left_out |= write_map_files(folder, facts)
     kept, problem = _kept_on_page(run)
     left_out |= problem
+    blocks, scripts = frame_blocks(facts)
+    former = [name for name in folder.dive.record.files if name.startswith(f"{FRAME_BLOCKS}/")]
+    folder.dive.remove(*(name for name in former if name not in scripts))
     files = {
         f"{PAGE}/{name}": (STATIC / name).read_bytes()
         for name in ASSETS
         if (STATIC / name).is_file()
     }
     files |= {
-        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | kept),
+        **scripts,
+        f"{PAGE}/dive.js": script("dive", _data(facts, shown) | blocks | kept),
         INDEX: render(facts, shown, kept_charts(folder)),
     }
     folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
@@ -117,25 +123,16 @@ def _dive_id(run: FinishedRun) -> str:
     return run.frames[0].sha256[:16] if run.frames else ""
 
 
-def _spread(facts: DiveFacts) -> set[str]:
-    """The frames that a brief page shows in full: the examples, and others spread over the dive."""
-    names = [frame.name for frame in facts.run.frames]
-    return {name for name, _ in example_frames(facts)} | set(frames_in_full(names))
-
-
 @dataclass(frozen=True, eq=False)
 class _FrameMaker:
-    """Makes the page's files of a frame, unless they exist. whole: names of the frames to show in
-    full.
-    """
+    """Makes the page's files of a frame, unless they exist."""
 
     folder: RunFolder
     files: FrameFiles
-    whole: frozenset[str]
 
     def of(self, frame: FinishedFrame) -> FrameRecord | FrameError | None:
-        """The frame's record; a FrameError where it cannot be shown; None where only its corrected
-        image is shown.
+        """The frame's record; a FrameError where it cannot be shown; None where it has no corrected
+        image.
         """
         record = self.folder.manifest.frame(frame.name)
         if record is None or "corrected" not in record.stages:
@@ -147,8 +144,6 @@ class _FrameMaker:
         good = [stages[True]] if with_before else [stages[True], stages[False]]
         if any(self.folder.frames.finished("page", frame.name, stage.key) for stage in good):
             return record
-        if frame.name not in self.whole:
-            return None
         try:
             files = self.files.make(frame)
         except FrameError as error:
@@ -172,19 +167,29 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "calibration": calibration_note(known),
         "calibration_std": known.total,
         "geometry": asdict(run.geometry) if run.geometry else None,
-        "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "north": facts.map is not None and facts.map.origin is not None,
         "area_m2": facts.map.area_m2 if facts.map else None,
         "image_suffix": _suffix(run),
-        "shelves": _subfolders(run),
         **_white(facts.water),
-        "shown": {
-            name: [product.split("/")[1] for product in products]
-            for name, products in shown.items()
-        },
-        **columns(facts),
+        "frames": _frames(facts, shown),
     }
+
+
+def _frames(facts: DiveFacts, shown: Shown) -> bytes:
+    """What the page knows of all frames at once, deflated: some ten bytes a frame. shown, shelves:
+    number of its products in the list of ``products`` (-1: none), and its folder.
+    """
+    found = columns(facts)
+    kinds = list(dict.fromkeys(shown.values()))
+    shelves = _subfolders(facts.run)
+    found |= {
+        "products": [[product.split("/")[1] for product in products] for products in kinds],
+        "shown": [kinds.index(shown[name]) if name in shown else -1 for name in found["names"]],
+        "shelves": [shelves.get(name, "") for name in found["names"]] if shelves else [],
+    }
+    text = json.dumps(found, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return deflated(text.encode("ascii"), repeats=True)
 
 
 def _white(water: Water | None) -> dict[str, Any]:
@@ -192,14 +197,6 @@ def _white(water: Water | None) -> dict[str, Any]:
     where each has its own.
     """
     return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
-
-
-def _poses(facts: DiveFacts) -> dict[str, list[float]]:
-    """Frame -> the upper three rows of its pose in the map's own coordinates."""
-    if facts.posed is None:
-        return {}
-    pairs = zip(facts.posed.frames, facts.posed.T_map_camera, strict=True)
-    return {frame.name: [round(float(value), 6) for value in T[:3].ravel()] for frame, T in pairs}
 
 
 def _subfolders(run: FinishedRun) -> dict[str, str]:
@@ -212,6 +209,13 @@ def _subfolders(run: FinishedRun) -> dict[str, str]:
         if "corrected" in frame.products
     }
     return {name: folder for name, folder in folders.items() if folder != "corrected"}
+
+
+def _picture(run: FinishedRun, name: str, products: Sequence[str]) -> str:
+    """The path in OUT of the corrected picture that the page shows of a frame."""
+    if "page/after" in products:
+        return page_path("page/after", name)
+    return run.frame(name).products["corrected"].relative_to(run.root).as_posix()
 
 
 def _suffix(run: FinishedRun) -> str:
@@ -240,7 +244,11 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
         problems=facts.problems,
         named_frames=NAMED_FRAMES,
         notes=run.totals["notes"],
-        examples=[(name, why, shown[name]) for name, why in example_frames(facts) if name in shown],
+        examples=[
+            (name, why, shown[name], _picture(run, name, shown[name]))
+            for name, why in example_frames(facts)
+            if name in shown
+        ],
         methods=methods(facts),
         citations=citations(facts),
         changed_settings=changed_settings(run.config),

@@ -19,7 +19,7 @@ DIGITS = 5
 
 
 def columns(facts: DiveFacts) -> dict[str, Any]:
-    """Names, status, kinds of problems and numbers of all rows of frames.csv, in their order."""
+    """Names, status and kinds of problems of all rows of frames.csv, in their order."""
     problems = facts.problems
     of_frame: dict[str, list[int]] = {}
     for number, problem in enumerate(problems):
@@ -33,7 +33,6 @@ def columns(facts: DiveFacts) -> dict[str, Any]:
         "problems_of": {
             str(i): of_frame[row.name] for i, row in enumerate(facts.rows) if row.name in of_frame
         },
-        "plots": plots(facts),
     }
 
 

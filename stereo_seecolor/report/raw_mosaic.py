@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.report.map_images import Box, TerrainImages
-from stereo_seecolor.report.map_mesh import Piece, packed_colors
+from stereo_seecolor.report.map_mesh import Piece
 from stereo_seecolor.run_folder.layout import page_path
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -76,10 +76,8 @@ class RawMosaic:
             cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8
         )
 
-    def colors_of(self, piece: Piece, offset_m: list[float]) -> str:
-        """The colors of a piece's vertices, packed like those of the piece; gray where no frame
-        sees them.
-        """
+    def colors_of(self, piece: Piece, offset_m: list[float]) -> NDArray[np.uint8]:
+        """(N, 3) the colors of a piece's vertices; gray where no frame sees them."""
         about = self.terrain.about
         x = (piece.points_m[:, 0] + offset_m[0] - about["west_m"]) / about["pixel_m"]
         y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
@@ -88,8 +86,7 @@ class RawMosaic:
             np.clip(y.astype(int), 0, about["height"] - 1),
         )
         found = self.rgba[rows, columns]
-        colors = np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
-        return packed_colors(colors, piece.rim)
+        return np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
 
 
 def painted_from(posed: PosedRun) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from stereo_seecolor.files.atomic import Content, holds
+from stereo_seecolor.files.atomic import Content, holds, remove
 from stereo_seecolor.files.keys import content_key_of
 from stereo_seecolor.run_folder.layout import INDEX, PAGE, Stage
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
@@ -89,8 +89,13 @@ class DiveFiles:
         were made from. Raises OutputError.
         """
         temporaries: dict[str, Path] = {}
-        for path, content in contents:
-            temporaries |= self._owned.write_temporaries([(f"{name}/{path}", content)])
+        try:
+            for path, content in contents:
+                temporaries |= self._owned.write_temporaries([(f"{name}/{path}", content)])
+        except BaseException:
+            for temporary in temporaries.values():
+                remove(temporary)
+            raise
         self._put(temporaries, {name: made_from})
 
     def _put(self, temporaries: Mapping[str, Path], made_from: Mapping[str, str]) -> None:

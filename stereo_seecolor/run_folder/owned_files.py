@@ -11,7 +11,7 @@ from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.files.atomic import Content, output_errors
-from stereo_seecolor.run_folder.layout import MAP, PAGE, PAGE_PRODUCTS, PRODUCTS, SET_ASIDE, state
+from stereo_seecolor.run_folder.layout import MAP, PAGE, PRODUCTS, SET_ASIDE, state
 from stereo_seecolor.run_folder.replaced_results import ALL_RESULTS
 from stereo_seecolor.run_folder.stamp import Stamp
 
@@ -54,9 +54,9 @@ class OwnedFiles:
         """Delete temporary files that killed processes left; to be called while no process
         writes.
         """
-        for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
+        for name in (MAP, "."):
             atomic.remove_leftovers(self.root / name)
-        for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
+        for folder in (*(self.root / name for name in (*PRODUCTS, PAGE)), state(self.root)):
             atomic.remove_leftovers_below(folder)
 
     def move_into_place(

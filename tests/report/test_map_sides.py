@@ -1,6 +1,5 @@
 """Sides of steps that the mesh of a map holds, tile by tile for the page."""
 
-import base64
 import zlib
 from types import SimpleNamespace
 
@@ -52,7 +51,7 @@ def test_tiles_hold_the_sides_of_the_whole(sides: bool) -> None:
         expected = whole[:, left : left + width]
         assert bool(found) == expected.any()
         if found:
-            bits = np.frombuffer(zlib.decompress(base64.b85decode(found["sides"])), np.uint8)
+            bits = np.frombuffer(zlib.decompress(found["sides"]), np.uint8)
             np.testing.assert_array_equal(
                 np.unpackbits(bits)[: n * width].reshape(n, width), expected
             )

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import REEF, Cli, CopyRun, Dive, SampleRun, contents
+from plane_decoder import dive_of
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
@@ -34,7 +35,7 @@ from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.overview import RowFacts
 from stereo_seecolor.report.range_code import (
     RANGE_CODE,
-    CodedRanges,
+    range_codes,
     std_blocks,
     std_codes,
     std_from_codes,
@@ -66,11 +67,6 @@ def out(copy_run: CopyRun, tmp_path: Path) -> Path:
     return copy_run(tmp_path / "out", 2, page="none")
 
 
-def data(out: Path) -> dict:
-    text = (out / "page/dive.js").read_text("ascii")
-    return json.loads(text.removeprefix("seecolor.dive(").removesuffix(");\n"))
-
-
 def colors(path: Path) -> np.ndarray:
     """The mean color of an image, which JPEG leaves as it is."""
     return cv2.imread(str(path)).astype(float).mean(axis=(0, 1))
@@ -82,27 +78,27 @@ def colors(path: Path) -> np.ndarray:
 @pytest.mark.slow
 def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
     assert report(out).made == 2
-    assert data(out)["shown"] == {
-        name: ["thumbnails", "after", "before", "ranges"] for name in ("0000", "0001")
+    assert dive_of(out)["shown"] == {
+        name: ["thumbnails", "before", "ranges"] for name in ("0000", "0001")
     }
-    for product in ("thumbnails", "before", "after"):
+    for product in ("thumbnails", "before"):
         assert cv2.imread(str(out / "page" / product / "0001.jpg")).shape == (128, 176, 3)
-    before, after, corrected = (
-        colors(out / path)
-        for path in ("page/before/0001.jpg", "page/after/0001.jpg", "corrected/0001.png")
+    before, corrected = (
+        colors(out / path) for path in ("page/before/0001.jpg", "corrected/0001.png")
     )
-    assert abs(after - corrected).max() < 1 < abs(before - corrected).max()
+    assert abs(before - corrected).max() > 1
+    assert 'src="corrected/0001.png"' in (out / "index.html").read_text("utf-8")
 
 
 @pytest.mark.slow
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
-    assert data(out)["calibration"].startswith(
+    assert dive_of(out)["calibration"].startswith(
         "Standard errors include a calibration error of 0.5 % of a length"
     )
-    assert "0.5 % is an assumption" in data(out)["calibration"]
-    assert "yaw" not in data(out)["calibration"]
-    assert data(out)["calibration_std"] == 0.005
+    assert "0.5 % is an assumption" in dive_of(out)["calibration"]
+    assert "yaw" not in dive_of(out)["calibration"]
+    assert dive_of(out)["calibration_std"] == 0.005
 
 
 @pytest.mark.slow
@@ -112,8 +108,8 @@ def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> 
         native.to_bytes(replace(rig, errors=RigErrors(0.003, 0.004, "Kalibr")))
     )
     report(out)
-    assert data(out)["calibration_std"] == pytest.approx(0.005)
-    assert "according to the calibration (Kalibr)" in data(out)["calibration"]
+    assert dive_of(out)["calibration_std"] == pytest.approx(0.005)
+    assert "according to the calibration (Kalibr)" in dive_of(out)["calibration"]
 
 
 @pytest.mark.slow
@@ -123,8 +119,8 @@ def test_what_the_check_measured_of_ranges_is_in_the_error_of_lengths(out: Path)
     (out / "run.json").write_text(json.dumps(described))
     report(out)
     measured = np.hypot(-0.01, 0.04)
-    assert data(out)["calibration_std"] == pytest.approx(np.hypot(0.005, measured))
-    assert "ranges at 1.8 m may be wrong by -1.0 ± 4 %" in data(out)["calibration"]
+    assert dive_of(out)["calibration_std"] == pytest.approx(np.hypot(0.005, measured))
+    assert "ranges at 1.8 m may be wrong by -1.0 ± 4 %" in dive_of(out)["calibration"]
     stated = replace(native.read(out / "rig.yaml"), errors=RigErrors(0.003, 0.004, "Kalibr"))
     (out / "rig.yaml").write_bytes(native.to_bytes(stated))
     assert calibration_std(open_run(out)).total == pytest.approx(0.005)  # not contradicted
@@ -145,7 +141,7 @@ def test_inputs_are_found_from_another_folder(
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     report(tmp_path / "out")
-    assert "before" in data(tmp_path / "out")["shown"]["0000"]
+    assert "before" in dive_of(tmp_path / "out")["shown"]["0000"]
 
 
 @pytest.mark.slow
@@ -154,10 +150,10 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
     (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, refinement=refinement)))
     report(out)
-    said = re.search(r"yaw adds ([0-9.]+) % at a range of ([0-9.]+) m", data(out)["calibration"])
+    said = re.search(r"yaw adds ([0-9.]+) % at a range of ([0-9.]+) m", dive_of(out)["calibration"])
     assert said
     assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
-    assert data(out)["calibration_std"] == pytest.approx(
+    assert dive_of(out)["calibration_std"] == pytest.approx(
         np.hypot(0.005, float(said[1]) / 100), rel=0.05
     )
 
@@ -165,7 +161,7 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
 @pytest.mark.slow
 def test_every_plot_has_a_title(out: Path) -> None:
     report(out)
-    found = data(out)
+    found = dive_of(out)
     written = {
         "light_gain",
         "exposure",
@@ -210,7 +206,7 @@ def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_pa
     assert re.search(
         r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S
     )
-    assert data(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
+    assert dive_of(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
 
 
 @pytest.mark.slow
@@ -236,8 +232,8 @@ def test_names_with_markup_stay_text(make_dive: Callable[..., Dive], tmp_path: P
     page = (tmp_path / "out/index.html").read_text("utf-8")
     assert NASTY not in page
     assert "&lt;img src=x onerror=alert(1)&gt;" in page
-    assert "page/after/%3Cimg%20src%3Dx%20onerror%3Dalert%281%29%3E.jpg" in page
-    assert NASTY in data(tmp_path / "out")["names"]
+    assert "corrected/%3Cimg%20src%3Dx%20onerror%3Dalert%281%29%3E.png" in page
+    assert NASTY in dive_of(tmp_path / "out")["names"]
 
 
 @pytest.mark.slow
@@ -263,26 +259,10 @@ def test_formats_that_no_browser_shows_are_shown_as_jpeg(
     report(tmp_path / "b")
     assert (
         abs(
-            colors(tmp_path / "a/page/after/0000.jpg") - colors(tmp_path / "b/page/after/0000.jpg")
+            colors(tmp_path / "a/page/after/0000.jpg") - colors(tmp_path / "b/corrected/0000.png")
         ).max()
         < 2
     )
-
-
-@pytest.mark.slow
-def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
-    copy_run: CopyRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.early_frames.BRIEF_FRAMES", 2)
-    monkeypatch.setattr("stereo_seecolor.report.example_frames.COUNT", 1)
-    copy_run(tmp_path / "out", 5, page="none")
-    brief = report(tmp_path / "out", brief=True)
-    assert {"0000", "0003"} <= set(data(tmp_path / "out")["shown"])
-    assert (brief.made, brief.kept) == (len(data(tmp_path / "out")["shown"]), 0)
-    assert brief.made < 5
-    whole = report(tmp_path / "out")
-    assert (whole.made, whole.kept) == (5 - brief.made, brief.made)
-    assert report(tmp_path / "out", brief=True).kept == 5
 
 
 # Making it again
@@ -328,7 +308,7 @@ def test_what_a_run_makes_of_its_frames_in_memory_is_what_their_files_give(
         patched.setattr(FrameFiles, "make", None)  # reads files
         run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
     made = {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")}
-    assert len(made) == 8
+    assert len(made) == 7
     shutil.rmtree(out / "page")
     report(out)
     assert {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")} == made
@@ -373,7 +353,7 @@ def test_without_inputs_the_page_shows_what_there_is(
     go(dive, out)
     shutil.rmtree(dive.root)
     assert report(out).made == 2
-    assert data(out)["shown"]["0001"] == ["thumbnails", "after", "ranges"]
+    assert dive_of(out)["shown"]["0001"] == ["thumbnails", "ranges"]
 
 
 @pytest.mark.slow
@@ -382,7 +362,7 @@ def test_a_damaged_frame_is_named_and_left_out(out: Path) -> None:
     result = report(out)
     assert result.left_out.keys() == {"0001"}
     assert "run again" in result.left_out["0001"]
-    assert list(data(out)["shown"]) == ["0000"]
+    assert list(dive_of(out)["shown"]) == ["0000"]
 
 
 # Nothing of a user's is lost
@@ -413,23 +393,23 @@ def test_a_pair_that_is_gone_takes_its_pictures_along(
     go(dive, out)
     assert not list((out / "page").rglob("0002*"))
     report(out)
-    assert data(out)["names"] == ["0000", "0001"]
+    assert dive_of(out)["names"] == ["0000", "0001"]
 
 
 @pytest.mark.slow
 def test_an_edited_page_is_kept_aside(out: Path) -> None:
     report(out)
     (out / "index.html").write_text("my own notes")
-    (out / "page/after/0001.jpg").write_bytes(b"my own picture")
+    (out / "page/before/0001.jpg").write_bytes(b"my own picture")
     report(out)
     assert (out / "set_aside/index.html").read_text() == "my own notes"
-    assert (out / "set_aside/page/after/0001.jpg").read_bytes() == b"my own picture"
+    assert (out / "set_aside/page/before/0001.jpg").read_bytes() == b"my own picture"
     assert "stereo-seecolor" in (out / "index.html").read_text("utf-8")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["index.html", "page/notes.txt", "page/after/notes.txt", "page/mine/x.js"]
+    "name", ["index.html", "page/notes.txt", "page/before/notes.txt", "page/mine/x.js"]
 )
 def test_files_of_others_where_the_page_goes_are_refused(out: Path, name: str) -> None:
     (out / name).parent.mkdir(parents=True, exist_ok=True)
@@ -441,7 +421,7 @@ def test_files_of_others_where_the_page_goes_are_refused(out: Path, name: str) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["page", "page/after"])
+@pytest.mark.parametrize("name", ["page", "page/before"])
 def test_a_link_out_of_the_folder_is_not_followed(out: Path, tmp_path: Path, name: str) -> None:
     (tmp_path / "elsewhere").mkdir()
     (out / name).parent.mkdir(exist_ok=True)
@@ -497,7 +477,7 @@ def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_p
     assert "White point: all colors may share a tint of about" in (
         tmp_path / "out/index.html"
     ).read_text("utf-8")
-    assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
+    assert set(dive_of(tmp_path / "out")["shown"]) == {"0000", "0001"}
 
 
 class Watch:
@@ -596,7 +576,8 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
     range_m = rng.uniform(0.3, 20, (61, 83)).astype(np.float32)
     range_m[rng.random(range_m.shape) < 0.2] = np.nan
     unknown = np.full_like(range_m, np.nan)
-    found = CodedRanges.of(range_m, unknown).range_m()
+    codes, step_per_m = range_codes(range_m, unknown)
+    found = np.where(codes >= 0, 1 / (codes * step_per_m), np.nan)
     assert (np.isnan(found) == np.isnan(range_m)).all()
     assert np.nanmax(abs(found - range_m) / range_m**2) < 1e-4
 
@@ -607,25 +588,26 @@ def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(
 ) -> None:
     rng = np.random.default_rng(1)
     range_m = rng.uniform(0.5, 20, (61, 83)).astype(np.float32)
-    coded = CodedRanges.of(range_m, np.float32(std_at_1_m) * range_m**2)
-    off = abs(1 / coded.range_m() - 1 / range_m)
+    codes, step_per_m = range_codes(range_m, np.float32(std_at_1_m) * range_m**2)
+    off = abs(codes * step_per_m - 1 / range_m)
     assert off.max() < max(1e-4, 0.36 * std_at_1_m)
 
 
 def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
     range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
-    coded = CodedRanges.of(range_m, np.full_like(range_m, np.nan))
-    assert coded.step_per_m > RANGE_CODE.step_per_m
-    np.testing.assert_allclose(coded.range_m(), range_m, rtol=1e-3)
+    codes, step_per_m = range_codes(range_m, np.full_like(range_m, np.nan))
+    assert step_per_m > RANGE_CODE.step_per_m
+    assert codes[0, 2] < 0 <= codes[0, :2].max() < 65536
+    np.testing.assert_allclose(1 / (codes[0, :2] * step_per_m), range_m[0, :2], rtol=1e-3)
 
 
-def test_coded_standard_errors_are_exact_to_three_percent() -> None:
+def test_coded_standard_errors_are_exact_to_six_percent() -> None:
     std_m = np.random.default_rng(2).uniform(1e-4, 0.5, (30, 43)).astype(np.float32)
     std_m[:9, :9] = np.nan
     found, expected = std_from_codes(std_codes(std_m)), std_blocks(std_m)
     assert found.shape == (8, 11)
     assert np.isnan(found[0, 0])
-    np.testing.assert_allclose(found, expected, rtol=0.03)
+    np.testing.assert_allclose(found, expected, rtol=0.06)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import time
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,6 +21,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import Dive, write_dive
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from plane_decoder import dive_of
 from playwright.sync_api import (
     Browser,
     BrowserContext,
@@ -43,6 +45,7 @@ from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Water
 from stereo_seecolor.report.map_mesh import RIM_SHADE, MeshSizes
+from stereo_seecolor.report.templates import script
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -501,9 +504,7 @@ def test_measures_are_undone_labelled_kept_and_exported(
 
 def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page], out: Path) -> None:
     page = opened("plots")
-    curves = json.loads((out / "page/dive.js").read_text().partition("(")[2].rpartition(")")[0])[
-        "plots"
-    ]["seconds"]
+    curves = dive_of(out)["plots"]["seconds"]
     labels = [
         each
         for each in page.locator(".plot").last.locator(".u-legend .u-label").all()
@@ -522,16 +523,18 @@ def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(
     opened: Callable[..., Page], out: Path, tmp_path: Path
 ) -> None:
     out = shutil.copytree(out, tmp_path / "out")
-    head, tail = "seecolor.dive(", ");\n"
-    dive = json.loads((out / "page/dive.js").read_text().removeprefix(head).removesuffix(tail))
-    count = 5000
-    dive |= {
+    dive, count = dive_of(out), 5000
+    dive |= {"plots": {}, "blocks": []}
+    frames = {key: dive.pop(key) for key in ("errors", "problems", "products")}
+    frames |= {
         "names": [f"n{i}" for i in range(count)],
         "status": ["failed"] * count,
-        "plots": {},
         "problems_of": {},
+        "shown": [-1] * count,
+        "shelves": [],
     }
-    (out / "page/dive.js").write_text(f"{head}{json.dumps(dive)}{tail}")
+    dive["frames"] = zlib.compress(json.dumps(frames).encode())
+    (out / "page/dive.js").write_bytes(script("dive", dive))
     page = opened("frames/n2500", out)
     expect(page.locator(".frame-name")).to_have_text("n2500")
     assert page.locator(".strip-item").count() < 60

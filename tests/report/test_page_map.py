@@ -2,9 +2,7 @@
 made once.
 """
 
-import base64
 import gc
-import json
 import tracemalloc
 import zlib
 from dataclasses import replace
@@ -15,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frames, write_map
+from plane_decoder import bytes_of, decoded, script_values
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
@@ -63,7 +62,7 @@ def unpacked(packed: dict[str, Any]) -> Piece:
 
     def read(name: str, planes: int) -> np.ndarray:
         content = (
-            np.frombuffer(zlib.decompress(base64.b85decode(packed[name])), np.uint8)
+            np.frombuffer(zlib.decompress(packed[name]), np.uint8)
             .reshape(planes, -1)
             .astype(np.int64)
         )
@@ -268,24 +267,8 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
     heights_m = (-12 + np.cumsum(rng.normal(0, 0.01, (70, 90)), axis=1)).astype(np.float32)
     heights_m[rng.random(heights_m.shape) < 0.2] = np.nan
     packed = coded_heights(heights_m)
-    planes = (
-        np.frombuffer(zlib.decompress(base64.b85decode(packed["heights"])), np.uint8)
-        .reshape(2, 70, 90)
-        .astype(np.uint16)
-    )
-    folded = planes[0] | planes[1] << 8
-    codes = (
-        ((folded >> 1) ^ -(folded & 1))
-        .cumsum(axis=1, dtype=np.uint16)
-        .cumsum(axis=0, dtype=np.uint16)
-    )
-    known = (
-        np.unpackbits(np.frombuffer(zlib.decompress(base64.b85decode(packed["known"])), np.uint8))[
-            : 70 * 90
-        ].reshape(70, 90)
-        > 0
-    )
-    found = np.where(known, packed["low_m"] + codes * packed["step_m"], np.nan)
+    codes, known = (decoded(packed[name], heights_m.shape) for name in ("heights", "known"))
+    found = np.where(known > 0, packed["low_m"] + codes * packed["step_m"], np.nan)
     assert (np.isnan(found) == np.isnan(heights_m)).all()
     assert np.nanmax(abs(found - heights_m)) < 5e-5
 
@@ -335,7 +318,7 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
         path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
     }
     folders = {"map.js", "mosaic", "terrain", "hillshade", "heights", "gaps"}
-    meshes = {"0_0_0.js", "textured_0_0_0.js"}
+    meshes = {"0_0_0.js", "textured_0_0_0.js", "whole.js"}
     assert {path.name for path in (out / "page/map").iterdir()} == meshes | folders
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())
     report(out)
@@ -350,6 +333,18 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_a_map_that_could_not_be_packed_leaves_nothing_behind(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    out = write_map(tmp_path / "out", flat_frames(3), "prior")
+    with monkeypatch.context() as patched:
+        patched.setattr("stereo_seecolor.report.map_texture._page", None)
+        with pytest.raises(TypeError):
+            report(out)
+    assert not [path for path in (out / "page/map").rglob("*") if path.is_file()]
+
+
+@pytest.mark.slow
 def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -360,7 +355,7 @@ def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
     folder = out / "page/map"
 
     def below(name: str, entry: dict[str, Any], listed: dict[str, Any]) -> set[str]:
-        listed = listed | arguments(folder / f"{name}.js")[-1]
+        listed = listed | script_values(folder / f"{name}.js")[-1]
         names = {f"{name}.js"}
         for finer in entry["finer"]:
             assert (np.array(listed[finer]["low_m"]) >= entry["low_m"]).all()
@@ -368,7 +363,7 @@ def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
             names |= below(finer, listed[finer], listed)
         return names
 
-    (about,) = arguments(folder / "map.js")
+    (about,) = script_values(folder / "map.js")
     assert len(about["pieces"]) == 1
     found = {
         name
@@ -377,13 +372,7 @@ def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
         for name in below(top, entry, listed)
     }
     assert len(found) > 10
-    assert found == {path.name for path in folder.glob("*_*.js")}
-
-
-def arguments(path: Path) -> list[Any]:
-    """The data that a script of the page holds."""
-    text = path.read_text("ascii")
-    return list(json.loads(f"[{text[text.index('(') + 1 : text.rindex(')')]}]"))
+    assert found == {path.name for path in folder.glob("*.js")} - {"map.js"}
 
 
 @pytest.mark.slow
@@ -405,4 +394,8 @@ def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pict
     alpha = found[..., 3] if found.shape[2] == 4 else np.full(found.shape[:2], 255)
     assert (alpha > 0).mean() > 0.5
     assert abs(found[alpha > 250][:, :3].mean(axis=0) - (200, 90, 30)).max() < 4
-    assert (out / "page/map/0_0_0_raw.js").exists()
+    for name, is_raw in (("0_0_0", True), ("whole", False)):
+        colors = bytes_of(script_values(out / f"page/map/{name}.js")[1]["colors"])
+        of_vertices = np.frombuffer(zlib.decompress(colors), np.uint8).reshape(3, -1).cumsum(axis=1)
+        found = np.median(of_vertices.astype(np.uint8), axis=1)
+        assert (abs(found[::-1] - (200, 90, 30)).max() < 4) == is_raw

@@ -1,6 +1,7 @@
 // CoralNet's annotations, a CSV of points (Name, Row, Column, Label), as spots of the map and back (stereo_seecolor/extras/reef/labelled_points.py).
 
 import type { About } from "./about";
+import { poseOf } from "./blocks";
 import type { Dive } from "./dive";
 import type { LabelledSpot } from "./kept";
 import { has } from "./dive";
@@ -58,12 +59,13 @@ export async function readPoints(text: string, dive: Dive, about: About): Promis
 async function spotOf(image: string, [x, y]: [number, number], dive: Dive, about: About): Promise<[number, number] | null> {
   const stem = image.replace(/\.[^.]*$/, "");
   const { geometry: g } = dive;
-  if (g && dive.poses[stem]) {
+  const pose = await poseOf(dive, stem);
+  if (g && pose) {
     if (x >= g.image_size[0] || y >= g.image_size[1]) return null;
     const range_m = has(dive, stem, "ranges") && seecolor.rangesOf ? (await seecolor.rangesOf(stem)).range_m[y * g.image_size[0] + x] : NaN;
     const ray = [(x - g.cx_left_px) / g.focal_px, (y - g.cy_px) / g.focal_px, 1];
     const far = (range_m * about.range_scale) / Math.hypot(...ray);
-    const [east_m, north_m] = placed(dive.poses[stem], ray.map((value) => value * far));
+    const [east_m, north_m] = placed(pose, ray.map((value) => value * far));
     return [east_m, north_m];
   }
   const mosaic = about.mosaic;

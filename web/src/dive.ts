@@ -13,10 +13,27 @@ export interface Geometry {
 
 export type Column = (number | null)[];
 
+/** Upper three rows of a pose in the map, row after row. */
+export type Pose = number[];
+
+/** Frames, a thousand. pose: of a frame by its number in the block; null where it is not in the map. */
+export interface Block {
+  pose: (number: number) => Pose | null;
+  plots: Record<string, Record<string, Column>>;
+}
+
+/** Where the cameras of a block of frames were, in the map's own coordinates. frames: how many. track: some of their places. */
+export interface BlockPlace {
+  frames: number;
+  low_m: number[];
+  high_m: number[];
+  track: number[][];
+}
+
 export interface Dive {
   format: string;
   id: string;
-  poses: Record<string, number[]>;
+  blocks: (BlockPlace | null)[]; // of frames; null without any in the map
   offset_m: number[];
   north: boolean; // where the map's y axis points to the north
   area_m2: number | null; // that the map shows
@@ -25,14 +42,15 @@ export interface Dive {
   calibration_std: number; // of a length, relative
   geometry: Geometry | null;
   image_suffix: string;
-  shelves: Record<string, string>;
-  shown: Record<string, string[]>;
+  shelves: string[]; // each frame's folder in corrected/, if it has folders
+  products: string[][];
+  shown: number[]; // each frame's products, -1 for none
   names: string[];
   status: string[];
   errors: Record<string, string>;
   problems: string[];
   problems_of: Record<string, number[]>;
-  plots: Record<string, Record<string, Column>>;
+  plots: Record<string, string[]>; // the curves of each
   water: Record<string, unknown> | null; // as in water.json, where all frames share one
   measures?: Measure[]; // of OUT/measures.json
   cover?: KeptPoints | null; // of the same
@@ -49,7 +67,7 @@ export type Text = ReturnType<typeof texter>;
 
 /** True where the page has this file of a frame. */
 export function has(dive: Dive, name: string, product: string): boolean {
-  return dive.shown[name]?.includes(product) ?? false;
+  return dive.products[dive.shown[dive.names.indexOf(name)]]?.includes(product) ?? false;
 }
 
 /** Where a file of a frame lies. */
@@ -59,7 +77,7 @@ export function address(product: string, name: string, suffix = ".jpg"): string 
 
 /** Where a corrected frame lies at its full size: of a large dive on a shelf of its folder. */
 export function fullSize(dive: Dive, name: string): string {
-  const shelf = dive.shelves[name];
+  const shelf = dive.shelves[dive.names.indexOf(name)];
   return `corrected/${shelf ? `${shelf}/` : ""}${encodeURIComponent(name)}${dive.image_suffix}`;
 }
 

@@ -1,6 +1,7 @@
 // The frames of the dive: filters, one frame large, and the strip of all.
 
-import { address, fullSize, has, type Dive, type Text } from "./dive";
+import { block, placeOf } from "./blocks";
+import { fullSize, picture, type Dive, type Text } from "./dive";
 import { button, element, readable, select } from "./elements";
 import type { MeasureTable } from "./measuretable";
 import { Strip } from "./strip";
@@ -54,19 +55,28 @@ export class Frames {
   private describe(name: string): void {
     const said = [this.dive.errors[this.current], ...(this.dive.problems_of[this.current] ?? []).map((i) => this.dive.problems[i])];
     const lines = [...new Set(said.filter(Boolean))].map((line) => element("li", {}, line as string));
-    const numbers = Object.entries(this.dive.plots).flatMap(([plot, curves]) => {
+    this.about.replaceChildren();
+    if (lines.length) this.about.append(element("ul", { class: "said" }, ...lines));
+    const facts = element("dl", { class: "facts small" });
+    this.about.append(facts);
+    void this.describeNumbers(facts);
+    if (this.dive.status[this.current] === "ok") {
+      this.about.append(element("a", { href: fullSize(this.dive, name) }, this.text("frames.open_full")));
+    }
+  }
+
+  private async describeNumbers(facts: HTMLElement): Promise<void> {
+    const [number, place] = placeOf(this.current);
+    if (!this.dive.blocks.length) return;
+    const { plots } = await block(number);
+    const numbers = Object.entries(plots).flatMap(([plot, curves]) => {
       const values = Object.values(curves);
-      const value = values.length === 1 ? values[0][this.current] : null;
+      const value = values.length === 1 ? values[0][place] : null;
       return value === null || value === undefined
         ? []
         : [element("div", {}, element("dt", {}, this.text(`plots.${plot}`)), element("dd", {}, Math.abs(value) < LEAST_SHOWN && value !== 0 ? `< ${LEAST_SHOWN}` : readable(value, 4)))];
     });
-    this.about.replaceChildren();
-    if (lines.length) this.about.append(element("ul", { class: "said" }, ...lines));
-    if (numbers.length) this.about.append(element("dl", { class: "facts small" }, ...numbers));
-    if (this.dive.status[this.current] === "ok") {
-      this.about.append(element("a", { href: fullSize(this.dive, name) }, this.text("frames.open_full")));
-    }
+    facts.replaceChildren(...numbers);
   }
 
   private filters(): HTMLElement[] {
@@ -111,8 +121,8 @@ export class Frames {
   preload(): void {
     for (const step of [-1, 1]) {
       const frame = this.strip.neighbor(step);
-      const name = this.dive.names[frame];
-      if (frame >= 0 && has(this.dive, name, "after")) new Image().src = address("after", name);
+      const source = frame >= 0 ? picture(this.dive, frame, "after") : "";
+      if (source) new Image().src = source;
     }
   }
 }

@@ -1,8 +1,7 @@
 // Heights of the map's terrain at full precision: tiles, loaded as scripts when they are asked for (stereo_seecolor/report/height_code.py).
 
 import type { Place } from "./about";
-import { decoded } from "./codes";
-import { inflated } from "./ranges";
+import { decoded, inflated } from "./codes";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
 
@@ -106,9 +105,11 @@ export class Heights {
     const packed = received.get(name);
     if (!packed) return;
     received.delete(name);
-    const [bytes, known] = await Promise.all([packed.heights, packed.known].map(inflated));
+    const { width, height, low_m, step_m } = packed;
+    const known = decoded(packed.known, width, height);
+    const heights_m = Float32Array.from(decoded(packed.heights, width, height), (code, i) => (known[i] ? low_m + code * step_m : NaN));
     const [gaps, sides] = await Promise.all([packed.gaps, packed.sides].map((each) => (each ? inflated(each) : null)));
-    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed.width, packed.height, (code) => packed.low_m + code * packed.step_m), gaps, sides });
+    this.tiles.set(name, { width, heights_m, gaps, sides });
     if (this.tiles.size > MOST_KEPT) this.tiles.delete(this.tiles.keys().next().value as string);
   }
 }

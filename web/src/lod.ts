@@ -2,7 +2,7 @@
 
 import { Box3, Frustum, Group, Matrix4, Vector3, type Material, type Mesh, type Object3D, type PerspectiveCamera } from "three";
 import type { Piece } from "./about";
-import { dispose, loaded, rawColors } from "./pieces";
+import { dispose, loaded } from "./pieces";
 
 const FILL_CELLS = 1.5;
 const TEXELS_PER_CELL = 4; // of a textured piece: its texture hides that cells are coarser than a pixel, but for outlines
@@ -33,7 +33,6 @@ export class Detail {
   private readonly roots: string[];
   private drawn = new Set<string>();
   private clock = 0;
-  private raw = false;
 
   constructor(
     private readonly pieces: Record<string, Piece>,
@@ -87,12 +86,6 @@ export class Detail {
   setMaterial(material: Material): void {
     for (const mesh of [...this.parts.keys()].flatMap((name) => this.meshes(name))) if (mesh.material === this.material) mesh.material = material;
     this.material = material;
-  }
-
-  /** Colors as the camera saw them, or corrected. */
-  setRaw(raw: boolean): void {
-    this.raw = raw;
-    for (const name of this.parts.keys()) void this.paint(name);
   }
 
   /**
@@ -194,24 +187,12 @@ export class Detail {
       part.userData.sample = sampled(meshes);
       part.visible = false;
       this.parts.set(name, part);
-      if (this.raw) await this.paint(name);
       this.root.add(part);
     } catch {
       this.missing.add(name); // what is coarser shows instead
     } finally {
       this.loading.delete(name);
     }
-    this.changed();
-  }
-
-  private async paint(name: string): Promise<void> {
-    const kept = this.parts.get(name)?.userData;
-    if (!kept || this.pieces[name].texel_m) return;
-    const meshes = this.meshes(name);
-    kept.corrected ??= meshes[0].geometry.getAttribute("color");
-    if (this.raw) kept.raw ??= await rawColors(name, kept.corrected.count).catch(() => null);
-    const colors = this.raw ? kept.raw : kept.corrected;
-    if (colors) for (const { geometry } of meshes) geometry.setAttribute("color", colors);
     this.changed();
   }
 }

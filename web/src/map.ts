@@ -1,6 +1,7 @@
 // START HERE for the map: three dimensions, mosaic, terrain; a click on the reef shows the frames that saw the spot.
 
 import type { About } from "./about";
+import { takeBlocks } from "./blocks";
 import type { Dive, Text } from "./dive";
 import { picture } from "./dive";
 import { Cover } from "./cover";
@@ -12,11 +13,12 @@ import { HEIGHT_COLORS, scaleBar } from "./scale";
 import { Scene, type Sight } from "./scene";
 import { seecolor } from "./shared";
 import { isVisible, sightings, type Sighting } from "./seen";
-import { drawSquares, span } from "./squares";
+import { drawSquares, span, squaresOf, type Square } from "./squares";
 
 let about: About | null = null;
 seecolor.map = (given: About) => (about = given);
 seecolor.showMap = (section, dive, text, look) => {
+  if (seecolor.blockOf) takeBlocks(seecolor.blockOf);
   if (about) new MapView(section, about, dive, text, look);
 };
 
@@ -45,6 +47,7 @@ class MapView {
   private raw = false;
   private hillshade = false;
   private metric = -1;
+  private ofMetric: Square[] = [];
   private turn = 0;
   private readonly choice: Choice;
 
@@ -103,7 +106,7 @@ class MapView {
       this.hillshade = shown;
       this.show(this.view);
     });
-    const squares = about.squares?.rows.length ? [this.metrics()] : [];
+    const squares = about.squares ? [this.metrics()] : [];
     return {
       scene: [track, button(text("map.home"), () => this.scene?.home())],
       shade: about.terrain ? [shade] : [],
@@ -117,8 +120,15 @@ class MapView {
     const options: [string, string][] = [["-1", this.text("map.no_squares")], ...names.map((name, i): [string, string] => [String(i), this.metricName(name)])];
     return select(this.text("map.squares"), options, (number) => {
       this.metric = Number(number);
-      this.drawOver();
+      void this.loadSquares(this.metric);
     });
+  }
+
+  private async loadSquares(metric: number): Promise<void> {
+    const loaded = metric < 0 ? [] : await squaresOf(metric);
+    if (metric !== this.metric) return;
+    this.ofMetric = loaded;
+    this.drawOver();
   }
 
   /** Directions are named after the compass only where north is known. */
@@ -207,17 +217,17 @@ class MapView {
   private drawOver(): void {
     this.measuring?.draw();
     const { squares } = this.about;
-    const shown = !this.isSolid && squares !== null && this.metric >= 0;
+    const shown = !this.isSolid && squares !== undefined && this.metric >= 0;
     this.squares.hidden = !shown;
     this.legend.replaceChildren();
     this.drawMarks();
-    const { offset_m, terrain } = this.about;
+    const { terrain } = this.about;
     if (this.view === "terrain" && terrain && !shown) {
       this.legend.append(scaleBar(terrain.low_m, terrain.high_m, this.text("map.height_unit"), false, HEIGHT_COLORS));
     }
     if (!shown || !squares) return;
-    drawSquares(this.squares, squares, this.metric, (x, y) => this.mosaic?.project(x - offset_m[0], y - offset_m[1]) ?? null);
-    this.legend.append(scaleBar(...span(squares, this.metric), this.squaresTitle(squares.names[this.metric], squares.scale_m), false));
+    drawSquares(this.squares, this.ofMetric, squares.edge_m, (x, y) => this.mosaic?.project(x, y) ?? null);
+    this.legend.append(scaleBar(...span(this.ofMetric), this.squaresTitle(squares.names[this.metric], squares.scale_m), false));
   }
 
   private squaresTitle(name: string, scale_m: number): string {
@@ -279,7 +289,7 @@ class MapView {
     const spot_m = await this.onReef(clicked_m);
     this.spot_m = spot_m;
     this.drawOver();
-    const all = sightings(this.dive, spot_m);
+    const all = await sightings(this.dive, spot_m);
     const gap = this.measuring ? await gapAt(this.measuring.ground.heights, spot_m[0], spot_m[1]) : 0;
     const visible = await Promise.all(all.map((each) => isVisible(this.dive, each).catch(() => true)));
     if (turn !== this.turn) return;

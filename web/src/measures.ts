@@ -1,5 +1,6 @@
 // What was measured, kept in the browser: with undo, shared by all tabs of it, and written out for other programs and browsers.
 
+import { poseOf } from "./blocks";
 import type { Dive } from "./dive";
 import { CoverPoints } from "./coverpoints";
 import type { KeptPoints, Kind, Measure } from "./kept";
@@ -182,9 +183,11 @@ export class Measures {
   }
 
   /** Features in the map's coordinates where the frame is in the map, else in those of the frame's camera. */
-  geojson(): string {
+  async geojson(): Promise<string> {
+    const frames = [...new Set(this.all.map((each) => each.frame).filter(Boolean))];
+    const poses = new Map(await Promise.all(frames.map(async (name) => [name, await poseOf(this.dive, name)] as const)));
     const features = this.all.map((each) => {
-      const pose = this.dive.poses[each.frame];
+      const pose = poses.get(each.frame);
       const onMap = !each.frame || pose;
       const points = each.points.map((point) => (pose ? placed(pose, point).map((value, i) => value + this.dive.offset_m[i]) : this.world(each, point)));
       const shapes = { point: ["Point", points[0]], length: ["LineString", points], area: ["Polygon", [[...points, points[0]]]] };

@@ -32,7 +32,7 @@ export class MeasureTable {
     this.measures = new Measures(dive, () => this.draw());
     const heads = ["label", "kind", "value", "surface", "volume", "frame", "note"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
     const exports = (["csv", "geojson", "viame"] as const).map((format) =>
-      button(text(`measure.${format}`), () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, this.measures[format]())),
+      button(text(`measure.${format}`), async () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, await this.measures[format]())),
     );
     const sumHeads = ["label", "count", "plan", "seen", "outlined"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
     this.summed = element("div", { class: "scroll" }, element("table", { class: "tally" }, element("thead", {}, element("tr", {}, ...sumHeads, element("td"))), this.sums));

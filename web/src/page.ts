@@ -1,5 +1,7 @@
 // START HERE: the page's program. page/dive.js hands over the dive; the hash of the address says what is looked at.
 
+import { block, receiveBlock } from "./blocks";
+import { inflated } from "./codes";
 import { texter, type Dive, type Text } from "./dive";
 import { Frames } from "./frames";
 import { MeasureTable } from "./measuretable";
@@ -9,7 +11,9 @@ import { script } from "./scripts";
 import { seecolor } from "./shared";
 import { accessible } from "./slider";
 
-function start(dive: Dive): void {
+/** frames: what is known of each frame, deflated. */
+async function start(given: Dive & { frames: string }): Promise<void> {
+  const dive: Dive = Object.assign(given, JSON.parse(new TextDecoder().decode(await inflated(given.frames))));
   const text = texter(dive.texts);
   const sections = [...document.querySelectorAll<HTMLElement>("section.view")];
   const section = (id: string) => document.getElementById(id) as HTMLElement;
@@ -31,7 +35,7 @@ function start(dive: Dive): void {
       mapped = true;
     },
     plots: () => {
-      if (!plotted) drawPlots(section("plots"), dive, text, look);
+      if (!plotted) void drawPlots(section("plots"), dive, text, look);
       plotted = true;
     },
   };
@@ -83,4 +87,4 @@ async function copy(copier: HTMLButtonElement, done: string): Promise<void> {
   }
 }
 
-Object.assign(seecolor, { dive: start, ranges: receive, rangesOf: ranges });
+Object.assign(seecolor, { dive: start, ranges: receive, rangesOf: ranges, block: receiveBlock, blockOf: block });

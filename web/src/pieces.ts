@@ -2,7 +2,7 @@
 
 import { Box3, BufferAttribute, BufferGeometry, LinearMipmapNearestFilter, Mesh, MeshBasicMaterial, Sphere, Texture, Vector3, type Material } from "three";
 import type { Piece } from "./about";
-import { fromText, inflated } from "./ranges";
+import { fromText, inflated } from "./codes";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
 
@@ -41,18 +41,6 @@ export interface Loaded {
 const received = new Map<string, [(Page | Packed)[], Finer]>();
 seecolor.mesh = (name: string, packed: Packed, finer: Finer) => received.set(name, [[packed], finer]);
 seecolor.textured = (name: string, parts: (Page | Packed)[], finer: Finer) => received.set(name, [parts, finer]);
-
-const receivedColors = new Map<string, string>();
-seecolor.meshColors = (name: string, colors: string) => receivedColors.set(name, colors);
-
-/** The colors of a piece as the camera saw them, one for each vertex. */
-export async function rawColors(name: string, vertices: number): Promise<BufferAttribute> {
-  await script(`page/map/${encodeURIComponent(name)}_raw.js`);
-  const packed = receivedColors.get(name);
-  if (!packed) throw new Error(`${name} has no raw colors`);
-  receivedColors.delete(name);
-  return new BufferAttribute(opaque(await inflated(packed), vertices), 4, true);
-}
 
 /** A piece, in the map's own coordinates: a part for each page of texture, and one in the colors of its vertices. */
 export async function loaded(name: string, material: Material): Promise<Loaded> {

@@ -1,6 +1,7 @@
 // Numbers over the dive, as plots with one cursor; a click opens the frame.
 
 import uPlot from "uplot";
+import { block } from "./blocks";
 import type { Column, Dive, Text } from "./dive";
 import { element, readable } from "./elements";
 
@@ -9,19 +10,20 @@ const CHANNELS: Record<string, string> = { red: "--red", green: "--green", blue:
 const FIRST = ["coverage", "median_range_m", "exposure"];
 
 /** Draw all plots of the dive into a section. */
-export function drawPlots(section: HTMLElement, dive: Dive, text: Text, chosen: (name: string) => void): void {
+export async function drawPlots(section: HTMLElement, dive: Dive, text: Text, chosen: (name: string) => void): Promise<void> {
   section.append(element("h2", { class: "aside" }, text("plots.title")), element("p", { class: "hint" }, text("plots.hint")));
   const keys = Object.keys(dive.plots);
   const order = [...FIRST.filter((key) => keys.includes(key)), ...keys.filter((key) => !FIRST.includes(key) && key !== "seconds")];
   if (keys.includes("seconds")) order.push("seconds");
-  const made = order.map((key) => drawPlot(section, key, dive, text, chosen));
+  const blocks = await Promise.all(dive.blocks.map((_, number) => block(number)));
+  const curves = (key: string) => dive.plots[key].map((name): [string, Column] => [name, blocks.flatMap(({ plots }) => plots[key][name])]);
+  const made = order.map((key) => drawPlot(section, key, curves(key), dive, text, chosen));
   const fit = () => made.forEach((plot) => plot.setSize({ width: section.clientWidth, height: HEIGHT_PX }));
   new ResizeObserver(fit).observe(section);
 }
 
-function drawPlot(section: HTMLElement, key: string, dive: Dive, text: Text, chosen: (name: string) => void): uPlot {
+function drawPlot(section: HTMLElement, key: string, curves: [string, Column][], dive: Dive, text: Text, chosen: (name: string) => void): uPlot {
   const color = colorsOf(section);
-  const curves = Object.entries(dive.plots[key]);
   const lines = [color("--accent"), color("--green"), color("--blue"), color("--red"), color("--sand"), color("--soft")];
   const options: uPlot.Options = {
     width: section.clientWidth,

@@ -1,11 +1,11 @@
-// A frame's ranges: loaded as a script, inflated, and turned into meters (stereo_seecolor/report/range_code.py).
+// A frame's ranges: loaded as a script, decoded, and turned into meters (stereo_seecolor/report/range_code.py).
 
-import { decoded, unpacked } from "./codes";
+import { decoded } from "./codes";
 import { address } from "./dive";
 import { script } from "./scripts";
 
 const STD_FLOOR_M = 1e-5;
-const STD_STEPS_PER_OCTAVE = 12;
+const STD_STEPS_PER_OCTAVE = 6;
 export const STD_BLOCK_PX = 4;
 export const OVERLAY_STEP_PX = 2;
 
@@ -58,38 +58,17 @@ function load(name: string): Promise<Packed> {
   });
 }
 
-async function unpack(packed: Packed): Promise<Ranges> {
-  const [codes, known, std, confidence, mask] = await Promise.all(
-    [packed.ranges, packed.known, packed.std, packed.confidence, packed.mask].map(inflated),
-  );
-  const { width, height } = packed;
+function unpack({ width, height, step_per_m, ...packed }: Packed): Ranges {
+  const [across, down] = [Math.ceil(width / OVERLAY_STEP_PX), Math.ceil(height / OVERLAY_STEP_PX)];
+  const codes = decoded(packed.ranges, width, height);
+  const known = decoded(packed.known, width, height);
+  const std = decoded(packed.std, Math.ceil(width / STD_BLOCK_PX), Math.ceil(height / STD_BLOCK_PX));
   return {
     width,
     height,
-    range_m: decoded(unpacked(codes, width * height), known, width, height, (code) => 1 / (code * packed.step_per_m)),
+    range_m: Float32Array.from(codes, (code, i) => (known[i] ? 1 / (code * step_per_m) : NaN)),
     std_m: Float32Array.from(std, (code) => (code ? STD_FLOOR_M * 2 ** ((code - 1) / STD_STEPS_PER_OCTAVE) : NaN)),
-    confidence,
-    mask,
+    confidence: Uint8Array.from(decoded(packed.confidence, across, down), (code) => 16 * code),
+    mask: Uint8Array.from(decoded(packed.mask, across, down)),
   };
-}
-
-/** Bytes of a deflated text. */
-export async function inflated(text: string): Promise<Uint8Array> {
-  const stream = new Blob([fromText(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-
-const DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;<=>?@^_`{|}~";
-const VALUES = Uint8Array.from({ length: 128 }, (_, code) => Math.max(DIGITS.indexOf(String.fromCharCode(code)), 0));
-
-/** Bytes that a script holds as base85 (RFC 1924): five digits for four bytes, fewer at the end. */
-export function fromText(text: string): Uint8Array<ArrayBuffer> {
-  const words = Math.ceil(text.length / 5);
-  const view = new DataView(new ArrayBuffer(4 * words));
-  for (let word = 0; word < words; word++) {
-    let value = 0;
-    for (let i = 5 * word; i < 5 * word + 5; i++) value = 85 * value + (i < text.length ? VALUES[text.charCodeAt(i)] : 84);
-    view.setUint32(4 * word, value);
-  }
-  return new Uint8Array(view.buffer, 0, 4 * words - (5 * words - text.length));
 }

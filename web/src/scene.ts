@@ -5,6 +5,7 @@ import {
   BufferAttribute,
   BufferGeometry,
   Color,
+  Group,
   ColorManagement,
   Line,
   LinearSRGBColorSpace,
@@ -24,6 +25,7 @@ import {
 } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
 import type { About, Piece } from "./about";
+import { posesOf } from "./blocks";
 import type { Dive } from "./dive";
 import { Detail, vector } from "./lod";
 
@@ -86,7 +88,7 @@ export class Scene {
 
   constructor(
     private readonly about: About,
-    dive: Dive,
+    private readonly dive: Dive,
     private readonly label: string,
     private readonly clicked: (hit: Hit) => void,
     private readonly missed: (sight: Sight) => void,
@@ -111,7 +113,7 @@ export class Scene {
     this.spot = dots([[0, 0, 0]], 0xffd23f, 14);
     this.spot.visible = false;
     this.scene.add(this.spot);
-    this.addTrack(dive);
+    this.addTrack();
     this.listen();
     this.colored = new Detail(about.pieces, this.plain, () => this.loaded());
     this.textured = about.textured ? new Detail(about.textured, this.plain, () => this.loaded()) : null;
@@ -194,7 +196,6 @@ export class Scene {
   /** Colors as the camera saw them, or corrected. */
   showRaw(raw: boolean): void {
     this.raw = raw;
-    this.colored.setRaw(raw);
     this.choose();
   }
 
@@ -298,11 +299,27 @@ export class Scene {
     }
   }
 
-  private addTrack(dive: Dive): void {
-    const places = dive.names.filter((name) => name in dive.poses).map((name) => [3, 7, 11].map((i) => dive.poses[name][i]));
-    if (!places.length) return;
-    const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array(places.flat()), 3));
-    this.track.add(new Line(geometry, new LineBasicMaterial({ color: 0x0a8f98 })), dots(places, 0x0a8f98, 6));
+  /** Each block of frames as far as the next one: by some of its places, or by all where the viewer is near. */
+  private addTrack(): void {
+    const next = (number: number) => this.dive.blocks.slice(number + 1).find((each) => each)?.track.slice(0, 1) ?? [];
+    for (const [number, each] of this.dive.blocks.entries()) {
+      if (!each) continue;
+      const of = trackOf(each.track, next(number));
+      of.userData = { number, box: new Box3(vector(each.low_m), vector(each.high_m)), next: next(number), whole: each.track.length >= each.frames };
+      this.track.add(of);
+    }
+  }
+
+  private refineTrack(): void {
+    for (const of of this.track.visible ? [...this.track.children] : []) {
+      const { number, box, next, whole } = of.userData as { number: number; box: Box3; next: number[][]; whole: boolean };
+      if (whole || box.distanceToPoint(this.camera.position) > box.getSize(new Vector3()).length()) continue;
+      of.userData.whole = true;
+      void posesOf(this.dive, number).then((poses) => {
+        of.clear().add(...trackOf(poses.map(([, pose]) => [3, 7, 11].map((i) => pose[i])), next).children);
+        this.draw();
+      });
+    }
   }
 
   /** Draw while the view moves: coarser where that is slow, and as fine as may be once it stands still. */
@@ -353,6 +370,7 @@ export class Scene {
       this.keepPace();
       if (this.ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(this.ratio);
       if (!this.moving) this.renderer.setClearColor(new Color(getComputedStyle(this.root).backgroundColor));
+      this.refineTrack();
       this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2), this.coarsest_px);
       this.renderer.render(this.scene, this.camera);
       this.root.dataset.triangles = String(this.detail.triangles);
@@ -375,6 +393,12 @@ function renderer(): WebGLRenderer {
 
 function cornersOf(low_m: number[], high_m: number[]): Vector3[] {
   return [0, 1, 2, 3, 4, 5, 6, 7].map((i) => vector([0, 1, 2].map((axis) => ((i >> axis) & 1 ? high_m : low_m)[axis])));
+}
+
+/** A line through places and on to a next one, with dots at the former. */
+function trackOf(places: number[][], next: number[][]): Group {
+  const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array([...places, ...next].flat()), 3));
+  return new Group().add(new Line(geometry, new LineBasicMaterial({ color: 0x0a8f98 })), dots(places, 0x0a8f98, 6));
 }
 
 function dots(places: number[][], color: number, size: number): Points {

@@ -1,10 +1,11 @@
 // What scripts of this page hand to each other: browsers let pages opened from files load scripts, and nothing else.
 
-import type { Dive, Text } from "./dive";
+import type { Block, Dive, Text } from "./dive";
 import type { MeasureTable } from "./measuretable";
 import type { Ranges } from "./ranges";
 
 interface Shared {
+  blockOf?: (number: number) => Promise<Block>;
   rangesOf?: (name: string) => Promise<Ranges>;
   table?: MeasureTable;
   showMap?: (section: HTMLElement, dive: Dive, text: Text, look: (name: string) => void) => void;

@@ -1,30 +1,45 @@
 // The metrics of the reef, square by square, as colors over the map.
 
-import type { Squares } from "./about";
+import { fromText } from "./codes";
 import { css } from "./colors";
 import { withError } from "./elements";
+import { script } from "./scripts";
+import { seecolor } from "./shared";
 
 const ALPHA = 0.5;
 const LEAST_TEXT_PX = 44;
 const LEAST_ERROR_PX = 90;
 
-/** Draw one metric of all squares; project: where a spot of the world lies on the canvas. */
-export function drawSquares(canvas: HTMLCanvasElement, squares: Squares, metric: number, project: (x_m: number, y_m: number) => [number, number] | null): void {
+/** A square: its center in the map's own coordinates, a metric and its standard error, NaN where unknown. */
+export type Square = [x_m: number, y_m: number, value: number, std: number];
+
+const received = new Map<number, Square[]>();
+seecolor.squares = (metric: number, content: string) => {
+  const values = new Float32Array(fromText(content).buffer);
+  received.set(metric, Array.from({ length: values.length / 4 }, (_, i) => [...values.subarray(4 * i, 4 * i + 4)] as Square));
+};
+
+/** A metric of all squares (stereo_seecolor/report/map_files.py). */
+export async function squaresOf(metric: number): Promise<Square[]> {
+  if (!received.has(metric)) await script(`page/map/squares/${metric}.js`);
+  return received.get(metric) ?? [];
+}
+
+/** Draw a metric of squares with an edge; project: where a spot of the map lies on the canvas. */
+export function drawSquares(canvas: HTMLCanvasElement, squares: Square[], edge_m: number, project: (x_m: number, y_m: number) => [number, number] | null): void {
   const scale = devicePixelRatio;
   canvas.width = canvas.clientWidth * scale;
   canvas.height = canvas.clientHeight * scale;
   const context = canvas.getContext("2d");
   if (!context) return;
   context.scale(scale, scale);
-  const [low, high] = span(squares, metric);
-  const half = squares.edge_m / 2;
+  const [low, high] = span(squares);
+  const half = edge_m / 2;
   context.font = "600 13px system-ui";
   context.textAlign = "center";
-  for (const [number, row] of squares.rows.entries()) {
-    const [x, y] = row as [number, number];
-    const value = row[2 + metric];
+  for (const [x, y, value, std] of squares) {
     const [from, to] = [project(x - half, y + half), project(x + half, y - half)];
-    if (value === null || !from || !to || to[0] < 0 || to[1] < 0 || from[0] > canvas.clientWidth || from[1] > canvas.clientHeight) continue;
+    if (Number.isNaN(value) || !from || !to || to[0] < 0 || to[1] < 0 || from[0] > canvas.clientWidth || from[1] > canvas.clientHeight) continue;
     const size = [to[0] - from[0], to[1] - from[1]];
     context.globalAlpha = ALPHA;
     context.fillStyle = css((value - low) / (high - low || 1));
@@ -34,14 +49,18 @@ export function drawSquares(canvas: HTMLCanvasElement, squares: Squares, metric:
     context.lineWidth = 3;
     context.strokeStyle = "rgb(0 0 0 / 65%)";
     context.fillStyle = "#fff";
-    const text = withError(value, size[0] < LEAST_ERROR_PX ? null : squares.std[number][metric]);
+    const text = withError(value, size[0] < LEAST_ERROR_PX || Number.isNaN(std) ? null : std);
     context.strokeText(text, from[0] + size[0] / 2, from[1] + size[1] / 2);
     context.fillText(text, from[0] + size[0] / 2, from[1] + size[1] / 2);
   }
 }
 
 /** Lowest and highest of a metric. */
-export function span(squares: Squares, metric: number): [number, number] {
-  const known = squares.rows.map((row) => row[2 + metric]).filter((value): value is number => value !== null);
-  return known.length ? [Math.min(...known), Math.max(...known)] : [0, 1];
+export function span(squares: Square[]): [number, number] {
+  let [low, high] = [Infinity, -Infinity];
+  for (const [, , value] of squares) {
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  return low <= high ? [low, high] : [0, 1];
 }

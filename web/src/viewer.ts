@@ -72,10 +72,10 @@ export class Viewer {
     if (this.view === "compare") {
       this.legend.replaceChildren();
       if (has(this.dive, this.name, "before")) {
-        this.stage.replaceChildren(slider(address("before", this.name), address("after", this.name), this.name, this.text));
+        this.stage.replaceChildren(slider(address("before", this.name), this.picture, this.name, this.text));
       } else {
         this.stage.replaceChildren(element("img", { src: this.picture, alt: this.name }));
-        this.legend.textContent = this.text(has(this.dive, this.name, "after") ? "view.no_before" : "view.brief");
+        this.legend.textContent = this.text("view.no_before");
       }
     } else if (this.view === "white") {
       this.legend.replaceChildren();
@@ -88,8 +88,7 @@ export class Viewer {
 
   private async drawLayer(view: View, name: string): Promise<void> {
     if (!has(this.dive, name, "ranges")) {
-      const why = has(this.dive, name, "after") ? "view.no_ranges" : "view.brief";
-      this.stage.replaceChildren(element("p", { class: "empty" }, this.text(why)));
+      this.stage.replaceChildren(element("p", { class: "empty" }, this.text("view.no_ranges")));
       this.legend.replaceChildren();
       return;
     }

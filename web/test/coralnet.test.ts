@@ -5,7 +5,7 @@ import { readPoints, tiles, writePoints } from "../src/coralnet";
 import type { Dive } from "../src/dive";
 
 const ABOUT = { offset_m: [5, -3, 0], range_scale: 1, mosaic: { width: 9001, height: 50, west_m: 100, north_m: 40, pixel_m: 0.01 } } as unknown as About;
-const DIVE = { poses: {}, geometry: null } as unknown as Dive;
+const DIVE = { names: [], blocks: [], geometry: null } as unknown as Dive;
 
 test("tiles are those of export --to tiles: halves go to the even pixel, as in numpy", () => {
   assert.deepEqual(tiles(9001, 50).map(({ name, left, width }) => [name, left, width]), [["0_0.png", 0, 4500], ["0_1.png", 4500, 4501]]);

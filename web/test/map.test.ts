@@ -1,25 +1,11 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
-import type { About } from "../src/about";
-import { decoded } from "../src/codes";
 import type { Dive } from "../src/dive";
 import { DoublePress } from "../src/elements";
 import { Heights } from "../src/heights";
-import { sightings } from "../src/seen";
+import { seenFrom, sightings } from "../src/seen";
+import { takeBlocks } from "../src/blocks";
 import { span } from "../src/squares";
-
-test("codes are predicted from their neighbors, and NaN where nothing was known", () => {
-  const codes = [7, 9, 4, 65535, 0, 12];
-  const [width, height] = [3, 2];
-  const errors = codes.map((_, i) => {
-    const predicted = (k: number) => codes[k] - (k >= width ? codes[k - width] : 0);
-    const error = ((predicted(i) - (i % width ? predicted(i - 1) : 0)) << 16) >> 16;
-    return ((error << 1) ^ (error >> 31)) & 0xffff;
-  });
-  const bytes = Uint8Array.from([...errors.map((each) => each & 255), ...errors.map((each) => each >> 8)]);
-  const found = decoded(bytes, Uint8Array.of(0b11101100), width, height, (code) => code / 2);
-  assert.deepEqual([...found], [3.5, 4.5, 2, NaN, 0, 6]);
-});
 
 test("cells and their centers agree, with the map's own coordinates", () => {
   const place = { west_m: 500, north_m: 900, pixel_m: 0.02, width: 50, height: 40, tiles: [] };
@@ -33,8 +19,8 @@ test("cells and their centers agree, with the map's own coordinates", () => {
 test("frames that see a spot, nearest first; none behind the camera or beside the picture", () => {
   const down = (x: number, z: number) => [1, 0, 0, x, 0, -1, 0, 0, 0, 0, -1, z];
   const geometry = { focal_px: 200, cx_left_px: 80, cx_right_px: 80, cy_px: 64, baseline_m: 0.1, image_size: [160, 128] };
-  const poses = { far: down(0, 4), near: down(0, 2), below: down(0, -1), beside: down(3, 2) };
-  const found = sightings({ geometry, poses } as unknown as Dive, [0.1, 0, 0]);
+  const poses: [string, number[]][] = [["far", down(0, 4)], ["near", down(0, 2)], ["below", down(0, -1)], ["beside", down(3, 2)]];
+  const found = seenFrom(geometry as never, poses, [0.1, 0, 0]).sort((a, b) => a.range_m - b.range_m);
   assert.deepEqual(found.map((each) => each.name), ["near", "far"]);
   assert.ok(Math.abs(found[0].x_px - 90) < 1e-9 && Math.abs(found[0].range_m - Math.hypot(2, 0.1)) < 1e-9);
 });
@@ -53,8 +39,24 @@ test("a second press within 0.4 s at the same place is a double one, a third beg
   mock.restoreAll();
 });
 
+test("only blocks are loaded whose cameras may have seen a spot nearer than those that are found", async () => {
+  const down = (x: number) => [1, 0, 0, x, 0, -1, 0, 0, 0, 0, -1, 2];
+  const geometry = { focal_px: 200, cx_left_px: 80, cx_right_px: 80, cy_px: 64, baseline_m: 0.1, image_size: [160, 128] };
+  const names = Array.from({ length: 4000 }, (_, i) => `f${i}`);
+  const place = (x: number) => ({ frames: 1000, low_m: [x, 0, 2], high_m: [x + 1, 0, 2], track: [] });
+  const loaded: number[] = [];
+  takeBlocks(async (number) => {
+    loaded.push(number);
+    return { pose: (i) => (i < 20 ? down(number * 3 + i / 1000) : null), plots: {} };
+  });
+  const dive = { geometry, names, blocks: [place(0), place(3), null, place(90)] } as unknown as Dive;
+  assert.deepEqual((await sightings(dive, [3, 0, 0])).map((each) => each.name), Array.from({ length: 12 }, (_, i) => `f${1000 + i}`));
+  assert.deepEqual(loaded, [1]); // those of block 0 are farther away than a dozen of block 1
+  assert.deepEqual(await sightings(dive, [45, 0, 0]), []);
+  assert.deepEqual(loaded, [1]); // none is so near that it may have seen that
+});
+
 test("the span of a metric leaves out squares without it", () => {
-  const squares = { rows: [[0, 0, 1.2], [0, 1, null], [1, 0, 1.6]] } as unknown as NonNullable<About["squares"]>;
-  assert.deepEqual(span(squares, 0), [1.2, 1.6]);
-  assert.deepEqual(span({ ...squares, rows: [] }, 0), [0, 1]);
+  assert.deepEqual(span([[0, 0, 1.2, NaN], [0, 1, NaN, NaN], [1, 0, 1.6, 0.1]]), [1.2, 1.6]);
+  assert.deepEqual(span([]), [0, 1]);
 });

@@ -1,13 +1,16 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { texter, type Dive } from "../src/dive";
+import { takeBlocks } from "../src/blocks";
 import { Measures, placed, quoted, type Measure } from "../src/measures";
 
 /** The camera of frame b stands at (1, 2, 3), turned by a quarter around z. */
 const DIVE = {
   id: "dive", names: ["a", "b"], image_suffix: ".png", offset_m: [100, 200, 0], north: true,
-  poses: { b: [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3] },
+  blocks: [{}],
 } as unknown as Dive;
+const POSE = [0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3];
+takeBlocks(async () => ({ pose: (number) => (number === 1 ? POSE : null), plots: {} }));
 const LENGTH: Omit<Measure, "id"> = {
   frame: "a", kind: "length", label: "Acropora", places: [[10, 20], [30, 15]], points: [[0, 0, 1], [0.25, 0, 1]],
   value: 0.25, std: 0.002, surface: 0.26, surface_std: 0.003,
@@ -139,12 +142,12 @@ test("a table has a row for each point, in the map's world or the frame's camera
   assert.deepEqual(column("click_m"), ["", "", "0.01000"]);
 });
 
-test("features lie where the camera saw them, and say in which axes", () => {
+test("features lie where the camera saw them, and say in which axes", async () => {
   const measures = new Measures(DIVE, () => undefined);
   measures.put({ ...LENGTH, frame: "b" });
   measures.put(LENGTH);
   measures.put({ ...ON_MAP, kind: "area", points: [[0, 0, 0], [1, 0, 0], [1, 1, 0]] });
-  const [onMap, inCamera, area] = JSON.parse(measures.geojson()).features;
+  const [onMap, inCamera, area] = JSON.parse(await measures.geojson()).features;
   assert.deepEqual(onMap.geometry, { type: "LineString", coordinates: [[101, 202, 4], [101, 202.25, 4]] });
   assert.match(onMap.properties.axes, /^map: x east/);
   assert.deepEqual(inCamera.geometry.coordinates, LENGTH.points);
@@ -166,7 +169,7 @@ test("a cell is quoted where it must be, and is never a formula", () => {
 });
 
 test("a point of the camera is placed by its pose", () => {
-  assert.deepEqual(placed(DIVE.poses.b, [1, 0, 0]), [1, 3, 3]);
+  assert.deepEqual(placed(POSE, [1, 0, 0]), [1, 3, 3]);
 });
 
 test("texts are filled by name, and what has no value stays", () => {

@@ -285,7 +285,7 @@ def _process(
         )
         if mapped and not summary.stopped:
             fuse(out, poses, config, options.listener, options.cluster)
-            report(out, options.listener, brief=True)
+            report(out, options.listener)
     except KeyboardInterrupt:  # between two passes, or in the map
         state = replace(state, state="stopped")
     except (SeeColorError, CalibrationError) as error:
