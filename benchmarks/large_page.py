@@ -146,7 +146,7 @@ def write_squares(out: Path, folder: Path, edge: int, size_m: list[float]) -> No
     for path in numbered(out / "page/map/squares"):
         number, packed = content(path)
         places = np.array([(i, k) for i in range(edge) for k in range(edge)], np.float32)
-        squares = np.frombuffer(packed, "<f4").reshape(-1, 4)
+        squares = np.frombuffer(bytes_of(packed), "<f4").reshape(-1, 4)
         all_squares = np.tile(squares, (len(places), 1))
         all_squares[:, :2] += np.repeat(places * np.array(size_m, np.float32), len(squares), axis=0)
         made = script("squares", number, all_squares.tobytes())

@@ -3,6 +3,7 @@ made once.
 """
 
 import gc
+import json
 import tracemalloc
 import zlib
 from dataclasses import replace
@@ -12,13 +13,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from mapping_scene import CONFIG, PAIR, flat_frames, write_map
+from mapping_scene import CONFIG, PAIR, flat_frame, flat_frames, write_map
 from plane_decoder import bytes_of, decoded, script_values
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.mapping.surface.small_holes import boundary, closed
+from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
@@ -57,26 +59,30 @@ def mesh_levels(mesh: Piece, voxel_m: float, folder: Path) -> list[Level]:
     return list(made_levels(source, voxel_m, folder))
 
 
-def unpacked(packed: dict[str, Any]) -> Piece:
-    """What the page's program makes of a packed piece."""
+def numbers(packed: bytes, planes: int) -> np.ndarray:
+    content = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(planes, -1)
+    return sum(plane.astype(np.int64) << (8 * i) for i, plane in enumerate(content))
 
-    def read(name: str, planes: int) -> np.ndarray:
-        content = (
-            np.frombuffer(zlib.decompress(packed[name]), np.uint8)
-            .reshape(planes, -1)
-            .astype(np.int64)
-        )
-        return sum(plane << (8 * i) for i, plane in enumerate(content))
 
-    folded = read("positions", 3)
-    steps = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1).cumsum(axis=1).T
-    colors = read("colors", 1).reshape(3, -1).cumsum(axis=1).T.astype(np.uint8)
+def sums(packed: bytes, columns: int) -> np.ndarray:
+    """Rows of whole numbers from their differences."""
+    folded = numbers(packed, 3)
+    return ((folded >> 1) ^ -(folded & 1)).reshape(columns, -1).cumsum(axis=1).T
+
+
+def triangles_of(packed: bytes) -> np.ndarray:
     indices, newest = [], 0
-    for back in read("indices", 3):
+    for back in numbers(packed, 3):
         indices.append(newest - back)
         newest += back == 0
-    points = np.array(packed["low_m"]) + steps * packed["step_m"]
-    return whole(points.astype(np.float32), colors, np.array(indices).reshape(-1, 3))
+    return np.array(indices).reshape(-1, 3)
+
+
+def unpacked(packed: dict[str, Any]) -> Piece:
+    """What the page's program makes of a packed piece."""
+    colors = numbers(packed["colors"], 1).reshape(3, -1).cumsum(axis=1).T.astype(np.uint8)
+    points = np.array(packed["low_m"]) + sums(packed["positions"], 3) * packed["step_m"]
+    return whole(points.astype(np.float32), colors, triangles_of(packed["indices"]))
 
 
 def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
@@ -399,3 +405,54 @@ def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pict
         of_vertices = np.frombuffer(zlib.decompress(colors), np.uint8).reshape(3, -1).cumsum(axis=1)
         found = np.median(of_vertices.astype(np.uint8), axis=1)
         assert (abs(found[::-1] - (200, 90, 30)).max() < 4) == is_raw
+
+
+ALTITUDE_M = 1.5
+PIXEL_M = ALTITUDE_M / PAIR.focal_px
+
+
+def lines_frame(i: int, period_m: float) -> SurveyFrame:
+    """A frame of ``track`` over level ground, gray by a sine across the map."""
+    column, row = np.meshgrid(np.arange(160.0), np.arange(128.0))
+    x_m = 0.3 * i + (column - PAIR.cx_left_px) * PIXEL_M
+    y_m = -(row - PAIR.cy_px) * PIXEL_M
+    gray = 128 + 80 * np.sin(2 * np.pi * (x_m + y_m) / np.sqrt(2) / period_m)
+    return replace(flat_frame(i, ALTITUDE_M), color=np.repeat(gray[..., None], 3, -1).astype("u1"))
+
+
+def amplitude(x_m: np.ndarray, y_m: np.ndarray, gray: np.ndarray, period_m: float) -> float:
+    """How strong those lines are in gray values of spots, of least squares."""
+    phase = 2 * np.pi * (x_m + y_m) / np.sqrt(2) / period_m
+    terms = np.stack([np.ones_like(phase), np.sin(phase), np.cos(phase)], axis=1)
+    return float(np.hypot(*np.linalg.lstsq(terms, gray, rcond=None)[0][1:]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("period_px", "kept"), [(4, 0.9), (8, 0.95)])
+def test_the_surface_shows_lines_as_strong_as_the_frames_do(
+    period_px: int, kept: float, tmp_path: Path
+) -> None:
+    """Lines of two and of four pixels, not along those of the frames, on the finest tiles."""
+    period_m = period_px * PIXEL_M
+    out = write_map(tmp_path / "out", [lines_frame(i, period_m) for i in range(4)])
+    report(out)
+    spots, grays = [], []
+    for path in (out / "page/map").glob("textured_0_*.js"):
+        for part in script_values(path)[1]:
+            if "jpeg" not in part:  # the rim, which no image shows
+                continue
+            page = {name: bytes_of(value) for name, value in part.items() if type(value) is str}
+            image = cv2.imdecode(np.frombuffer(page["jpeg"], np.uint8), cv2.IMREAD_GRAYSCALE)
+            points_m = sums(page["positions"], 3) * part["step_m"] + part["low_m"]
+            uv = sums(page["uv"], 2) / part["uv_steps"] - 0.5
+            corners = triangles_of(page["indices"])
+            for weights in np.random.default_rng(1).dirichlet(np.ones(3), 4):
+                inside = np.einsum("k,tkc->tc", weights, points_m[corners])
+                place = np.einsum("k,tkc->tc", weights, uv[corners]).astype(np.float32)
+                sampled = cv2.remap(image, place[:, None], None, cv2.INTER_LANCZOS4)
+                spots.append(inside)
+                grays.append(sampled[:, 0].astype(float))
+    offset_m = np.array(json.loads((out / "map/map.json").read_text())["offset_m"])
+    x_m, y_m, _ = (np.concatenate(spots) + offset_m).T
+    assert len(x_m) > 1000
+    assert amplitude(x_m, y_m, np.concatenate(grays), period_m) > kept * 80
