@@ -11,10 +11,13 @@ import pytest
 from conftest import CopyRun, Dive, contents
 
 from stereo_seecolor.commands.run import correct, range_maps, run
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import OutputError
 
 ANOTHER = "contains the results of another dive"
+ONE_WATER = "color.lock=survey"
+"""Fitted in half the time of the default's segments, which make no other dive."""
 
 
 @pytest.fixture
@@ -25,8 +28,8 @@ def dive(make_dive: Callable[..., Dive], tmp_path: Path) -> Dive:
 
 
 def go(dive: Dive, out: Path, command: Callable[..., object] = run, **options: object) -> object:
-    chosen = replace(RunOptions(), **options)
-    return command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=chosen)
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    return command(*sides, out, load_config(None, [ONE_WATER]), replace(RunOptions(), **options))
 
 
 def copied(dive: Dive, name: str) -> Dive:
@@ -55,7 +58,7 @@ def test_dives_that_begin_with_the_same_frame_are_two(
 ) -> None:
     out, other = tmp_path / "out", copied(dive, "tuesday")
     exchange(other, *frames)
-    copy_run(out, 4)
+    copy_run(out, 4, ONE_WATER)
     before = contents(out)
     with pytest.raises(OutputError, match=ANOTHER):
         go(other, out, command)
@@ -84,14 +87,14 @@ def test_a_dive_with_other_names_and_the_same_first_frame_is_another(
     for side in "LR":
         for name in ("0001", "0002", "0003"):
             (other.root / side / f"{name}.png").rename(other.root / side / f"1{name}.png")
-    copy_run(out, 4)
+    copy_run(out, 4, ONE_WATER)
     with pytest.raises(OutputError, match=ANOTHER):
         go(other, out)
 
 
 @pytest.mark.slow
 def test_a_correction_of_another_dives_images_is_refused(copy_run: CopyRun, tmp_path: Path) -> None:
-    copy_run(tmp_path / "ranges", 4)
+    copy_run(tmp_path / "ranges", 4, ONE_WATER)
     for place in ("a", "b"):
         shutil.copytree(tmp_path / "ranges/corrected", tmp_path / place / "images")
         shutil.copytree(tmp_path / "ranges/range", tmp_path / place / "range")

@@ -36,8 +36,8 @@ PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
 CONFIGS = (
     (),
     ("color.lock=survey",),
-    ("output.image_format=jpg", "output.preset=no-clouds"),
-    ("output.preset=lean", "matching.min_confidence=0.5"),
+    ("color.lock=survey", "output.image_format=jpg", "output.preset=no-clouds"),
+    ("color.lock=survey", "output.preset=lean", "matching.min_confidence=0.5"),
 )
 PRECIOUS = b"mine"
 

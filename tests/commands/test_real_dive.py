@@ -18,7 +18,7 @@ from stereo_seecolor.cli import main
 from stereo_seecolor.commands.check import check
 from stereo_seecolor.run_folder.finished_run import open_run
 
-PAIRS = 3
+PAIRS = 2
 SAME_SCENE = 0.3
 """Correlation of detail: 0.42 to 0.46 with the raw image of a frame, which is not rectified, at
 most 0.06 with its neighbor's.

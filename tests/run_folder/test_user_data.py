@@ -495,8 +495,8 @@ def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
 def test_a_full_disk_loses_nothing(
     copy_run: CopyRun, dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int
 ) -> None:
-    out, left = tmp_path / "out", writes
-    copy_run(tmp_path / "whole")
+    out, left, one_water = tmp_path / "out", writes, "color.lock=survey"
+    copy_run(tmp_path / "whole", 3, one_water)
     genuine = atomic.write_temporary
 
     def full(path: Path, content: atomic.Content) -> Path:
@@ -509,9 +509,9 @@ def test_a_full_disk_loses_nothing(
     with monkeypatch.context() as patched:
         patched.setattr(atomic, "write_temporary", full)
         with pytest.raises(OutputError, match="No space left on device"):
-            go(dive, out)
+            go(dive, out, one_water)
     mine = keep(out / "notes.txt") if (out / ".state/manifest.json").exists() else None
-    assert go(dive, out).all_done
+    assert go(dive, out, one_water).all_done
     assert contents(out) == contents(tmp_path / "whole")
     assert mine is None or mine.read_bytes() == PRECIOUS
     assert not list(out.rglob(".writing-*"))
