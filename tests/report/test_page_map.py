@@ -323,7 +323,7 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
     first = {
         path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()
     }
-    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights", "gaps"}
+    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights", "gaps", "squares"}
     meshes = {"0_0_0.js", "textured_0_0_0.js", "whole.js"}
     assert {path.name for path in (out / "page/map").iterdir()} == meshes | folders
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())
