@@ -1,9 +1,12 @@
-"""A check for left images whose red and blue are exchanged from one image on."""
+"""Checks for left images whose red and blue are exchanged from one image on, or against the right
+ones.
+"""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,15 +56,32 @@ def channel_order(images: DiveImages) -> DiveVerdict:
     pairs, config = images.pairs, images.config.input
     looked_at = evenly_spaced(range(len(pairs)), SETTINGS.looked_at)
     with suppress(InputError):
-        before = _colors(pairs[0], config) if pairs else None
+        before = _colors(pairs[0].left, config) if pairs else None
         for first, last in pairwise(looked_at):
-            after = _colors(pairs[last], config)
+            after = _colors(pairs[last].left, config)
             if before is not None and _are_exchanged(before, after):
                 place = edge(first, last, _differs_from(first, pairs, config))
                 end = _last_exchanged(pairs, place, last, looked_at, config)
                 note = f"input: {_exchanged_text(pairs, place, end)}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
+    return NOTHING_FOUND
+
+
+def order_of_sides(images: DiveImages) -> DiveVerdict:
+    """Left images whose red and blue are exchanged against the right ones: both show the same, so
+    that one pair tells.
+    """
+    config = images.config.input
+    with suppress(InputError):
+        for pair in images.pairs[len(images.pairs) // 2 :][:1]:
+            if _are_exchanged(_colors(pair.left, config), _colors(pair.right, config)):
+                note = (
+                    f"input: {pair.left.name} and {pair.right.name} have red and blue exchanged "
+                    "against each other: bring both sides to one order; if the right images are "
+                    "correct, --set input.channels=bgr"
+                )
+                return DiveVerdict((note,), COLORS)
     return NOTHING_FOUND
 
 
@@ -94,7 +114,7 @@ def _last_exchanged(
     """
     end = len(pairs)
     for later in (one for one in (*looked_at, len(pairs) - 1) if one > seen):
-        if _are_exchanged(_colors(pairs[seen], config), _colors(pairs[later], config)):
+        if _are_exchanged(_colors(pairs[seen].left, config), _colors(pairs[later].left, config)):
             end = later
             break
         seen = later
@@ -103,12 +123,12 @@ def _last_exchanged(
 
 def _differs_from(place: int, pairs: Sequence[Pair], config: InputConfig) -> Callable[[int], bool]:
     """Whether the image at another place is exchanged against the one here."""
-    here = _colors(pairs[place], config)
-    return lambda other: _are_exchanged(here, _colors(pairs[other], config))
+    here = _colors(pairs[place].left, config)
+    return lambda other: _are_exchanged(here, _colors(pairs[other].left, config))
 
 
-def _colors(pair: Pair, config: InputConfig) -> Colors:
-    image = read_image(pair.left, config)[:: SETTINGS.step_px, :: SETTINGS.step_px]
+def _colors(path: Path, config: InputConfig) -> Colors:
+    image = read_image(path, config)[:: SETTINGS.step_px, :: SETTINGS.step_px]
     values = np.quantile(image.reshape(-1, 3), SETTINGS.quantiles, axis=0).T
     return np.log(values / np.iinfo(image.dtype).max + SETTINGS.dark)
 

@@ -3,7 +3,7 @@
 ``run``, ``range``, ``check`` and ``inspect`` ask the same questions before the work.
 """
 
-from stereo_seecolor.checks.channel_order import channel_order
+from stereo_seecolor.checks.channel_order import channel_order, order_of_sides
 from stereo_seecolor.checks.image_files import compression, cut_out, form
 from stereo_seecolor.checks.range_maps import disparities
 from stereo_seecolor.checks.sides_and_mosaics import gray_side, shifted_mosaic
@@ -19,6 +19,7 @@ IMAGE_CHECKS = (
     Check("a left side without color", "3 pairs", gray_side),
     Check("mosaics read one column off", "3 pairs", shifted_mosaic),
     Check("red and blue exchanged from a frame on", "5 left images", channel_order),
+    Check("red and blue exchanged between the sides", "1 pair", order_of_sides),
 )
 """Of pairs of images, in the order of their notes."""
 RANGED_CHECKS = (

@@ -6,9 +6,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import REEF
 from numpy.typing import NDArray
 
-from stereo_seecolor.checks.channel_order import channel_order
+from stereo_seecolor.checks.channel_order import channel_order, order_of_sides
 from stereo_seecolor.checks.exchanged_channels import exchanged_channels_notes
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.color.photometry.survey import CountedFrames
@@ -72,3 +73,18 @@ def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
     assert len(notes) == bool(exchanged)
     last = "and the following images" if exchanged and exchanged[-1] == 39 else "to 0022.png"
     assert all(f"{exchanged[0]:04d}.png {last}" in line for line in notes)
+
+
+def test_sides_of_which_one_has_red_and_blue_exchanged_are_named(tmp_path: Path) -> None:
+    """As two cameras of one kind see a reef; a monochrome side has no order."""
+    image = cv2.imread(str(next((REEF / "left").iterdir())))
+    other = np.clip(image * [0.95, 1.0, 1.06] + 2, 0, 255).astype(np.uint8)
+    gray = np.repeat(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)[..., None], 3, axis=2)
+    named = {}
+    for name, right in {"alike": other, "exchanged": other[..., ::-1], "gray": gray}.items():
+        paths = [tmp_path / f"{name}_{side}.png" for side in ("left", "right")]
+        for path, picture in zip(paths, (image, right), strict=True):
+            cv2.imwrite(str(path), picture)
+        found = order_of_sides(DiveImages([Pair(name, *paths)], RunConfig()))
+        named[name] = found.wrong
+    assert named == {"alike": frozenset(), "exchanged": {"colors"}, "gray": frozenset()}
