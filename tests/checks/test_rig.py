@@ -29,7 +29,7 @@ def lowered(rig: StereoRig, by_px: float) -> StereoRig:
 @pytest.mark.slow
 @pytest.mark.parametrize(("by_px", "said"), [(0.0, False), (0.35, True)])
 def test_a_run_names_rows_that_check_would_not_accept(by_px: float, said: bool) -> None:
-    pairs = pairs_of(REEF / "left", REEF / "right", RunConfig().input).pairs
+    pairs = pairs_of(REEF / "left", REEF / "right", RunConfig().input).pairs[:5]
     notes = check_rig(
         Pipeline(lowered(load_rig(REEF / "cam.yaml"), by_px), RunConfig()), pairs, DiveChange()
     ).notes

@@ -42,6 +42,15 @@ def test_alignment_undoes_a_rigid_motion_but_keeps_scale() -> None:
     )
 
 
+def test_many_alignments_at_once_are_those_of_each_and_none_mirrors() -> None:
+    points = np.random.default_rng(4).normal(size=(3, 8, 3))
+    targets = points * [1, 1, -1]
+    T = rigid_alignment(points, targets)
+    np.testing.assert_allclose(np.linalg.det(T[:, :3, :3]), 1)
+    each = [rigid_alignment(*pair) for pair in zip(points, targets, strict=True)]
+    np.testing.assert_allclose(T, each, atol=1e-12)
+
+
 def test_path_is_the_length_of_the_true_track() -> None:
     truth = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 0]])
     assert trajectory_error(truth, truth).path_m == 7
