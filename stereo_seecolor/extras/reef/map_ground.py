@@ -35,8 +35,8 @@ class TerrainLimits:
     step_stds: float = 6.0
     # what errors of heights, over a cell, add to those of the steepness of an outline: as a slope
     # does, which counts by its sine, and squared; as benchmarks/standard_errors.py finds them
-    of_slopes: float = 0.13
-    of_squares: float = 0.037
+    of_slopes: float = 0.15
+    of_squares: float = 0.05
     # of what a line along the ground is longer than straight lines, so much is smoothed away
     smoothed: float = 0.1
     # level area of an outline over its own: beyond 60 degrees a view from above shows too little of

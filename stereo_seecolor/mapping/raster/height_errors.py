@@ -14,7 +14,7 @@ benchmarks/standard_errors.py finds them on synthetic reefs.
 """
 OF_RELIEF, RELIEF_CELLS = 0.15, 16
 """The part of the relief, over so many cells around, by which a height beside a hole may be off."""
-OF_EXTREMES = 0.45
+OF_EXTREMES = 0.53
 """The part of its standard error by which a highest or lowest height is off: where one is smoothed
 away, the next one takes its place.
 """
