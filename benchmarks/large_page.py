@@ -65,6 +65,7 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     """
     shutil.copytree(out / "page", folder / "page", ignore=shutil.ignore_patterns("map"))
     shutil.copytree(out / "page/map/heights", folder / "page/map/heights")
+    shutil.copytree(out / "corrected", folder / "corrected")
     shutil.copy(out / "index.html", folder)
     about = content(out / "page/map/map.js")[0]
     of_one = sum(each["frames"] for each in content(out / "page/dive.js")[0]["blocks"] if each)

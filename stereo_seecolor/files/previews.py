@@ -29,8 +29,10 @@ less than the noise.
 """
 LIVE = PreviewSize(480, 72)
 """Three beside each other on a laptop; about 30 kB."""
-SMALL = (cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
-"""A JPEG of the same pixels in 5 % less, for 16 ms of a picture of 1.4 megapixels."""
+SMALL = (cv2.IMWRITE_JPEG_OPTIMIZE, 1)
+"""A JPEG of the same pixels in 2 % less, for 4 ms of a picture of 1.4 megapixels. Progressive, it
+takes another 2 % less, for 12 ms.
+"""
 RANGE_PX = 960
 """Longer side of a picture of ranges, about: enough for a page."""
 NEAR, FAR = 0.02, 0.98

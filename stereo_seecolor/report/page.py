@@ -37,7 +37,7 @@ from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE, page_path
+from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE, in_subfolder, page_path
 from stereo_seecolor.run_folder.manifest import FrameRecord
 
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
@@ -182,7 +182,7 @@ def _frames(facts: DiveFacts, shown: Shown) -> bytes:
     """
     found = columns(facts)
     kinds = list(dict.fromkeys(shown.values()))
-    shelves = _subfolders(facts.run)
+    shelves = {frame.name: frame.subfolder for frame in facts.run.frames if frame.subfolder}
     found |= {
         "products": [[product.split("/")[1] for product in products] for products in kinds],
         "shown": [kinds.index(shown[name]) if name in shown else -1 for name in found["names"]],
@@ -199,23 +199,18 @@ def _white(water: Water | None) -> dict[str, Any]:
     return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
 
 
-def _subfolders(run: FinishedRun) -> dict[str, str]:
-    """Frame -> its folder in OUT/corrected, in a dive with so many frames that they are divided
-    among folders.
-    """
-    folders = {
-        frame.name: frame.products["corrected"].parent.name
-        for frame in run.frames
-        if "corrected" in frame.products
-    }
-    return {name: folder for name, folder in folders.items() if folder != "corrected"}
+def _before(run: FinishedRun, name: str, products: Sequence[str]) -> str:
+    """The path in OUT of a frame's image before correction; "" where the page has none."""
+    path = in_subfolder(page_path("page/before", name), run.frame(name).subfolder)
+    return path if "page/before" in products else ""
 
 
 def _picture(run: FinishedRun, name: str, products: Sequence[str]) -> str:
     """The path in OUT of the corrected picture that the page shows of a frame."""
+    frame = run.frame(name)
     if "page/after" in products:
-        return page_path("page/after", name)
-    return run.frame(name).products["corrected"].relative_to(run.root).as_posix()
+        return in_subfolder(page_path("page/after", name), frame.subfolder)
+    return frame.products["corrected"].relative_to(run.root).as_posix()
 
 
 def _suffix(run: FinishedRun) -> str:
@@ -245,7 +240,7 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
         named_frames=NAMED_FRAMES,
         notes=run.totals["notes"],
         examples=[
-            (name, why, shown[name], _picture(run, name, shown[name]))
+            (name, why, _before(run, name, shown[name]), _picture(run, name, shown[name]))
             for name, why in example_frames(facts)
             if name in shown
         ],

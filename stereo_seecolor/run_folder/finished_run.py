@@ -59,6 +59,13 @@ class FinishedFrame:
     size: tuple[int, int] | None = None
 
     @property
+    def subfolder(self) -> str:
+        """The folder in each product's folder that holds the frame's files; "" in a small dive."""
+        corrected = self.products.get("corrected")
+        name = corrected.parent.name if corrected else ""
+        return name if name.isdecimal() else ""
+
+    @property
     def taken(self) -> datetime | None:
         """The time of the frame in UTC; None without a time stamp, and for one before the year
         2000, which is a counter and no date.

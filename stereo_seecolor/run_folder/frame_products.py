@@ -91,12 +91,10 @@ class FrameProducts:
         OutputError.
         """
         old = self._manifest.frame(frame.name)
-        # the page asks for its pictures by name, and by default shows few frames
-        if stage != "page":
-            contents = {
-                product: (in_subfolder(path, frame.subfolder), content)
-                for product, (path, content) in contents.items()
-            }
+        contents = {
+            product: (in_subfolder(path, frame.subfolder), content)
+            for product, (path, content) in contents.items()
+        }
         record = replace(
             frame.stages[stage], outputs={product: path for product, (path, _) in contents.items()}
         )

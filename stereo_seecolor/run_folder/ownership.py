@@ -186,7 +186,7 @@ def refuse_files_of_others(manifest: Manifest) -> None:
     files = manifest.dive().files
     frames_folders = {manifest.root / product for product in PAGE_PRODUCTS}
     for path in (*files_below(manifest.root / MAP), *files_below(manifest.root / PAGE)):
-        if path.parent in frames_folders or _of_system(path.name):
+        if not frames_folders.isdisjoint(path.parents) or _of_system(path.name):
             continue
         if path.relative_to(manifest.root).as_posix() not in files:
             raise _foreign(path)

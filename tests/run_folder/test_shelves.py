@@ -73,6 +73,8 @@ def test_a_large_dive_holds_the_bytes_of_a_small_one_on_shelves_resumed_and_merg
     assert all(path.is_file() for frame in frames for path in frame.products.values())
 
     assert dive_of(tmp_path / "large")["shelves"][3] == "00001"
+    assert (tmp_path / "large/page/before/00001/0003.jpg").is_file()
+    assert 'src="page/before/00001/0003.jpg"' in (tmp_path / "large/index.html").read_text()
 
     lost = tmp_path / "large/range/00001/0002.tiff"
     lost.unlink()

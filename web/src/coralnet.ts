@@ -62,7 +62,7 @@ async function spotOf(image: string, [x, y]: [number, number], dive: Dive, about
   const pose = await poseOf(dive, stem);
   if (g && pose) {
     if (x >= g.image_size[0] || y >= g.image_size[1]) return null;
-    const range_m = has(dive, stem, "ranges") && seecolor.rangesOf ? (await seecolor.rangesOf(stem)).range_m[y * g.image_size[0] + x] : NaN;
+    const range_m = has(dive, stem, "ranges") && seecolor.rangesOf ? (await seecolor.rangesOf(dive, stem)).range_m[y * g.image_size[0] + x] : NaN;
     const ray = [(x - g.cx_left_px) / g.focal_px, (y - g.cy_px) / g.focal_px, 1];
     const far = (range_m * about.range_scale) / Math.hypot(...ray);
     const [east_m, north_m] = placed(pose, ray.map((value) => value * far));

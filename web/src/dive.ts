@@ -71,20 +71,25 @@ export function has(dive: Dive, name: string, product: string): boolean {
 }
 
 /** Where a file of a frame lies. */
-export function address(product: string, name: string, suffix = ".jpg"): string {
-  return `page/${product}/${encodeURIComponent(name)}${suffix}`;
+export function address(dive: Dive, product: string, name: string, suffix = ".jpg"): string {
+  return `page/${product}/${shelf(dive, name)}${encodeURIComponent(name)}${suffix}`;
+}
+
+/** The folder of a frame in those of a large dive. */
+function shelf(dive: Dive, name: string): string {
+  const folder = dive.shelves[dive.names.indexOf(name)];
+  return folder ? `${folder}/` : "";
 }
 
 /** Where a corrected frame lies at its full size: of a large dive on a shelf of its folder. */
 export function fullSize(dive: Dive, name: string): string {
-  const shelf = dive.shelves[dive.names.indexOf(name)];
-  return `corrected/${shelf ? `${shelf}/` : ""}${encodeURIComponent(name)}${dive.image_suffix}`;
+  return `corrected/${shelf(dive, name)}${encodeURIComponent(name)}${dive.image_suffix}`;
 }
 
 /** The corrected picture of a frame that a browser can show, small or large; "" where there is none. */
 export function picture(dive: Dive, frame: number, product: "thumbnails" | "after"): string {
   const name = dive.names[frame];
-  if (has(dive, name, product)) return address(product, name);
+  if (has(dive, name, product)) return address(dive, product, name);
   const shown = dive.status[frame] === "ok" && [".png", ".jpg"].includes(dive.image_suffix);
   return shown ? fullSize(dive, name) : "";
 }

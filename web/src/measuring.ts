@@ -86,7 +86,7 @@ export class Measuring {
     stage.replaceChildren(this.sheet);
     this.look(1, 0, 0);
     this.draw();
-    const data = await ranges(name);
+    const data = await ranges(this.dive, name);
     if (this.frame === name) this.data = data;
   }
 

@@ -1,7 +1,7 @@
 // A frame's ranges: loaded as a script, decoded, and turned into meters (stereo_seecolor/report/range_code.py).
 
 import { decoded } from "./codes";
-import { address } from "./dive";
+import { address, type Dive } from "./dive";
 import { script } from "./scripts";
 
 const STD_FLOOR_M = 1e-5;
@@ -41,20 +41,20 @@ export function receive(name: string, packed: Packed): void {
 }
 
 /** A frame's ranges; the latest ones are kept in memory. */
-export function ranges(name: string): Promise<Ranges> {
+export function ranges(dive: Dive, name: string): Promise<Ranges> {
   const known = kept.get(name);
   if (known) return known;
-  const made = load(name).then(unpack);
+  const made = load(dive, name).then(unpack);
   kept.set(name, made);
   if (kept.size > MOST_KEPT) kept.delete(kept.keys().next().value as string);
   made.catch(() => kept.delete(name));
   return made;
 }
 
-function load(name: string): Promise<Packed> {
+function load(dive: Dive, name: string): Promise<Packed> {
   return new Promise((resolve, reject) => {
     waiting.set(name, resolve);
-    script(address("ranges", name, ".js")).catch(reject);
+    script(address(dive, "ranges", name, ".js")).catch(reject);
   });
 }
 

@@ -47,7 +47,7 @@ export function seenFrom(g: Geometry, poses: [string, number[]][], spot_m: numbe
 /** False where the frame's own ranges say that something stands before the spot. */
 export async function isVisible(dive: Dive, { name, x_px, y_px, range_m }: Sighting): Promise<boolean> {
   if (!seecolor.rangesOf || !has(dive, name, "ranges")) return true;
-  const data = await seecolor.rangesOf(name); // page.js and map.js are two programs: one of them holds what was loaded
+  const data = await seecolor.rangesOf(dive, name); // page.js and map.js are two programs: one of them holds what was loaded
   const measured = data.range_m[Math.min(Math.round(y_px), data.height - 1) * data.width + Math.min(Math.round(x_px), data.width - 1)];
   return !(measured < range_m * (1 - AGREEMENT));
 }

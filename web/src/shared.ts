@@ -6,7 +6,7 @@ import type { Ranges } from "./ranges";
 
 interface Shared {
   blockOf?: (number: number) => Promise<Block>;
-  rangesOf?: (name: string) => Promise<Ranges>;
+  rangesOf?: (dive: Dive, name: string) => Promise<Ranges>;
   table?: MeasureTable;
   showMap?: (section: HTMLElement, dive: Dive, text: Text, look: (name: string) => void) => void;
   [receiver: string]: unknown;

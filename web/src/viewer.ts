@@ -72,7 +72,7 @@ export class Viewer {
     if (this.view === "compare") {
       this.legend.replaceChildren();
       if (has(this.dive, this.name, "before")) {
-        this.stage.replaceChildren(slider(address("before", this.name), this.picture, this.name, this.text));
+        this.stage.replaceChildren(slider(address(this.dive, "before", this.name), this.picture, this.name, this.text));
       } else {
         this.stage.replaceChildren(element("img", { src: this.picture, alt: this.name }));
         this.legend.textContent = this.text("view.no_before");
@@ -93,7 +93,7 @@ export class Viewer {
       return;
     }
     this.stage.classList.add("loading");
-    const data = await ranges(name);
+    const data = await ranges(this.dive, name);
     this.stage.classList.remove("loading");
     if (this.name !== name || this.view !== view) return;
     const canvas = element("canvas", { role: "img", "aria-label": `${this.text(`view.${view}`)}: ${name}` });
