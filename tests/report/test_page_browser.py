@@ -505,6 +505,7 @@ def test_measures_are_undone_labelled_kept_and_exported(
 def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page], out: Path) -> None:
     page = opened("plots")
     curves = dive_of(out)["plots"]["seconds"]
+    expect(page.locator(".plot").last.locator(".u-legend .u-label").last).to_be_visible()
     labels = [
         each
         for each in page.locator(".plot").last.locator(".u-legend .u-label").all()
