@@ -33,6 +33,7 @@ ColorManagement.enabled = false; // colors are drawn as they are stored: to turn
 
 const STILL_PX = 4;
 const TRACK_STEP_PX = 150;
+const MOST_WHOLE = 4; // blocks of the track: lines side by side are hundreds
 
 /** Levels of detail: so coarse may a cell of the mesh be on the screen; more where drawing is slow and the view moves. */
 const FINEST_PX = 1.6;
@@ -326,12 +327,16 @@ export class Scene {
     }
   }
 
-  /** All places of a block's track are drawn where some of them are far from each other on the screen. */
+  /** All places are drawn of the few nearest blocks, where some places are far from each other on the screen. */
   private refineTrack(): void {
-    for (const part of this.track.visible ? this.trackParts : []) {
-      if (part.whole) continue;
-      const near_m = (part.step_m * this.pixels) / TRACK_STEP_PX;
-      const isNear = part.places.some((place) => place.distanceTo(this.camera.position) < near_m);
+    if (!this.track.visible) return;
+    const away = this.trackParts.filter(({ whole }) => !whole).map((part) => {
+      const nearest_m = part.places.reduce((least, place) => Math.min(least, place.distanceTo(this.camera.position)), Infinity);
+      return { part, nearest_m };
+    });
+    away.sort((one, other) => one.nearest_m - other.nearest_m);
+    for (const [order, { part, nearest_m }] of away.entries()) {
+      const isNear = order < MOST_WHOLE && part.step_m * this.pixels > TRACK_STEP_PX * nearest_m;
       part.some.visible = !isNear || !part.all?.children.length;
       if (part.all) part.all.visible = isNear;
       else if (isNear) {
