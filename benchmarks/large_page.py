@@ -65,7 +65,6 @@ def repeated(out: Path, folder: Path, frames: int, written: int) -> int:
     """
     shutil.copytree(out / "page", folder / "page", ignore=shutil.ignore_patterns("map"))
     shutil.copytree(out / "page/map/heights", folder / "page/map/heights")
-    shutil.copytree(out / "corrected", folder / "corrected")
     shutil.copy(out / "index.html", folder)
     about = content(out / "page/map/map.js")[0]
     of_one = sum(each["frames"] for each in content(out / "page/dive.js")[0]["blocks"] if each)
@@ -366,8 +365,9 @@ def main(out: Path, folder: Path, frames: int, written: int) -> None:
         print(f"first picture after {time.monotonic() - start_s:.1f} s")
         rested(page)
         print(f"all of it after {time.monotonic() - start_s:.1f} s")
-        read_mb = sum(Path(unquote(urlsplit(url).path)).stat().st_size for url in loaded) / 1e6
-        print(f"until then {len(loaded)} files of {read_mb:.1f} MB were read")
+        read = [Path(unquote(urlsplit(url).path)) for url in loaded]
+        read_mb = sum(path.stat().st_size for path in read if path.is_file()) / 1e6
+        print(f"until then {len(read)} files of {read_mb:.1f} MB were read")
         said(page, "whole map")
         box = page.locator(".map-stage").bounding_box()
         assert box

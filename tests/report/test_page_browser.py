@@ -1302,3 +1302,26 @@ def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page
     assert np.hypot(x2 - x1, y2 - y1) == pytest.approx(length_m / 2, abs=0.02)
     assert on_map.locator(".map-north").count() == 0
     expect(on_map.locator(".map-marks .clicked")).to_have_count(1)
+
+
+@pytest.mark.parametrize("points", [2, 2000])
+def test_the_places_of_a_long_track_are_loaded_where_it_is_near(
+    new_context: Callable[..., BrowserContext],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    points: int,
+) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.frame_blocks.TRACK_POINTS", points)
+    mapped_run(tmp_path / "out")
+    page, asked = new_context().new_page(), list[str]()
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"{(tmp_path / 'out/index.html').as_uri()}#map")
+    canvas = page.locator(".map-stage canvas[data-triangles]:not([data-triangles='0'])")
+    box = box_of(canvas)
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    for _ in range(12):
+        page.mouse.wheel(0, -240)
+        page.wait_for_timeout(50)
+    expect(canvas).to_have_attribute("aria-busy", "false")
+    blocks = [url for url in asked if "/page/frames/" in url]
+    assert [Path(url).name for url in blocks] == (["0.js"] if points == 2 else [])

@@ -32,6 +32,8 @@ import { Detail, vector } from "./lod";
 ColorManagement.enabled = false; // colors are drawn as they are stored: to turn each pixel's into linear light and back takes a tenth of a picture where there is no graphics card
 
 const STILL_PX = 4;
+const TRACK_STEP_PX = 150;
+const MOST_WHOLE = 4; // blocks of the track: lines side by side are hundreds
 
 /** Levels of detail: so coarse may a cell of the mesh be on the screen; more where drawing is slow and the view moves. */
 const FINEST_PX = 1.6;
@@ -62,6 +64,17 @@ const CENTERINGS = 4;
 const MOST_CORNERED = 256; // pieces: of a map of 100,000 frames, all corners take minutes
 const FULL = 0.98; // so much of the drawing's half width and height the whole map takes
 
+/** The track of a block of frames, by some of its places, and by all once they are loaded. next: the first place of the next block. */
+interface TrackPart {
+  number: number;
+  next: number[][];
+  whole: boolean; // some are all
+  some: Group;
+  all: Group | null;
+  places: Vector3[];
+  step_m: number; // between two of them, the median
+}
+
 export class Scene {
   readonly root: HTMLElement;
   private readonly scene = new Three();
@@ -74,6 +87,7 @@ export class Scene {
   private readonly textured: Detail | null;
   private detail: Detail;
   private readonly track = new Three();
+  private readonly trackParts: TrackPart[] = [];
   private readonly spot: Points;
   private relief = false;
   private raw = false;
@@ -299,26 +313,40 @@ export class Scene {
     }
   }
 
-  /** Each block of frames as far as the next one: by some of its places, or by all where the viewer is near. */
+  /** The track of each block of frames, as far as the next block. */
   private addTrack(): void {
-    const next = (number: number) => this.dive.blocks.slice(number + 1).find((each) => each)?.track.slice(0, 1) ?? [];
-    for (const [number, each] of this.dive.blocks.entries()) {
+    const { blocks } = this.dive;
+    for (const [number, each] of blocks.entries()) {
       if (!each) continue;
-      const of = trackOf(each.track, next(number));
-      of.userData = { number, box: new Box3(vector(each.low_m), vector(each.high_m)), next: next(number), whole: each.track.length >= each.frames };
-      this.track.add(of);
+      const next = blocks.slice(number + 1).find((other) => other)?.track.slice(0, 1) ?? [];
+      const places = each.track.map(vector);
+      const steps_m = places.slice(1).map((place, i) => place.distanceTo(places[i])).sort((a, b) => a - b);
+      const part: TrackPart = { number, next, whole: places.length >= each.frames, some: trackOf(each.track, next), all: null, places, step_m: steps_m[steps_m.length >> 1] ?? 0 };
+      this.trackParts.push(part);
+      this.track.add(part.some);
     }
   }
 
+  /** All places are drawn of the few nearest blocks, where some places are far from each other on the screen. */
   private refineTrack(): void {
-    for (const of of this.track.visible ? [...this.track.children] : []) {
-      const { number, box, next, whole } = of.userData as { number: number; box: Box3; next: number[][]; whole: boolean };
-      if (whole || box.distanceToPoint(this.camera.position) > box.getSize(new Vector3()).length()) continue;
-      of.userData.whole = true;
-      void posesOf(this.dive, number).then((poses) => {
-        of.clear().add(...trackOf(poses.map(([, pose]) => [3, 7, 11].map((i) => pose[i])), next).children);
-        this.draw();
-      });
+    if (!this.track.visible) return;
+    const away = this.trackParts.filter(({ whole }) => !whole).map((part) => {
+      const nearest_m = part.places.reduce((least, place) => Math.min(least, place.distanceTo(this.camera.position)), Infinity);
+      return { part, nearest_m };
+    });
+    away.sort((one, other) => one.nearest_m - other.nearest_m);
+    for (const [order, { part, nearest_m }] of away.entries()) {
+      const isNear = order < MOST_WHOLE && part.step_m * this.pixels > TRACK_STEP_PX * nearest_m;
+      part.some.visible = !isNear || !part.all?.children.length;
+      if (part.all) part.all.visible = isNear;
+      else if (isNear) {
+        const all = (part.all = new Group());
+        this.track.add(all);
+        void posesOf(this.dive, part.number).then((poses) => {
+          all.add(...trackOf(poses.map(([, pose]) => [3, 7, 11].map((i) => pose[i])), part.next).children);
+          this.draw();
+        });
+      }
     }
   }
 
