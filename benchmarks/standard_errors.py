@@ -7,8 +7,8 @@ too, between which nothing changed, and the odd ones over a reef with nine bumps
 quantity that a user can publish: how many are within two standard errors, the mean of z, the
 largest one. Places are given exactly, on a rig and with poses that are exactly known: what is
 judged is the error by ranges. Truth is the drawn surface under the same places; along the surface
-it is measured with the same steps. Seeds 1 to 3 were at hand when the errors were chosen. FOLDER
-keeps dives and runs.
+it is measured with the same steps. Seeds 1 to 3 and 11 to 13 were at hand when the errors were
+chosen, seeds 101 to 103 for areas and heights of outlines. FOLDER keeps dives and runs.
 """
 
 import argparse
