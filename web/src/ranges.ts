@@ -5,7 +5,7 @@ import { address, type Dive } from "./dive";
 import { script } from "./scripts";
 
 const STD_FLOOR_M = 1e-5;
-const STD_STEPS_PER_OCTAVE = 6;
+const STD_STEPS_PER_OCTAVE = 12;
 export const STD_BLOCK_PX = 4;
 export const OVERLAY_STEP_PX = 2;
 
