@@ -85,8 +85,8 @@ def attempt(work: Work[Result], folder: RunFolder, keep: bool, pair: Pair) -> Ou
 class DiveRun:
     """A command at work on the pairs of a dive.
 
-    pairs: of the dive. frames: what work on a pair needs. page: makes the
-    page's files of frames with their colors.
+    pairs: of the dive. frames: what work on a pair needs. page: makes the page's files
+    of frames with their colors.
     table: the outcome of each pair so far. notes: remarks on the dive as a whole. summary: of the
     run, once it has ended.
     """

@@ -37,7 +37,7 @@ from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE, in_subfolder, page_path
+from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE
 from stereo_seecolor.run_folder.manifest import FrameRecord
 
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
@@ -201,15 +201,14 @@ def _white(water: Water | None) -> dict[str, Any]:
 
 def _before(run: FinishedRun, name: str, products: Sequence[str]) -> str:
     """The path in OUT of a frame's image before correction; "" where the page has none."""
-    path = in_subfolder(page_path("page/before", name), run.frame(name).subfolder)
-    return path if "page/before" in products else ""
+    return run.frame(name).page_path("page/before") if "page/before" in products else ""
 
 
 def _picture(run: FinishedRun, name: str, products: Sequence[str]) -> str:
     """The path in OUT of the corrected picture that the page shows of a frame."""
     frame = run.frame(name)
     if "page/after" in products:
-        return in_subfolder(page_path("page/after", name), frame.subfolder)
+        return frame.page_path("page/after")
     return frame.products["corrected"].relative_to(run.root).as_posix()
 
 

@@ -8,7 +8,6 @@ for comparison, and has a quarter of its pixels.
 import tempfile
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -18,8 +17,6 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.report.map_images import Box, TerrainImages
 from stereo_seecolor.report.map_mesh import Piece
-from stereo_seecolor.run_folder.finished_run import FinishedFrame
-from stereo_seecolor.run_folder.layout import in_subfolder, page_path
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 Floats = NDArray[np.float64]
@@ -93,12 +90,11 @@ class RawMosaic:
 
 def painted_from(posed: PosedRun) -> list[str]:
     """Names of the map's frames whose image before correction is on the page."""
-    return [frame.name for frame in posed.frames if _picture(posed, frame).is_file()]
-
-
-def _picture(posed: PosedRun, frame: FinishedFrame) -> Path:
-    """The page's image of a frame before correction."""
-    return posed.run.root / in_subfolder(page_path("page/before", frame.name), frame.subfolder)
+    return [
+        frame.name
+        for frame in posed.frames
+        if (posed.run.root / frame.page_path("page/before")).is_file()
+    ]
 
 
 def _points(terrain: TerrainImages, box: Box, offset_m: Floats) -> Floats:
@@ -123,7 +119,7 @@ class _Views:
 
     def _open(self, number: int) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """(h, w, 3) RGB picture and (H, W) measured ranges; None where one cannot be read."""
-        path = _picture(self._posed, self._posed.frames[number])
+        path = self._posed.run.root / self._posed.frames[number].page_path("page/before")
         bgr = cv2.imread(
             str(path), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR
         )

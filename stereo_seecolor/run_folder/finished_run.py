@@ -24,7 +24,14 @@ from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.json_records import as_record
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.records import Map
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
+from stereo_seecolor.run_folder.layout import (
+    FRAMES_TABLE,
+    RIG,
+    RUN,
+    WATER,
+    in_subfolder,
+    page_path,
+)
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
@@ -64,6 +71,10 @@ class FinishedFrame:
         corrected = self.products.get("corrected")
         name = corrected.parent.name if corrected else ""
         return name if name.isdecimal() else ""
+
+    def page_path(self, product: str) -> str:
+        """The path in OUT of one of the page's files of the frame, whether or not it exists."""
+        return in_subfolder(page_path(product, self.name), self.subfolder)
 
     @property
     def taken(self) -> datetime | None:
