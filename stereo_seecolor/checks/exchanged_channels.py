@@ -30,13 +30,14 @@ def exchanged_channels_notes(
     if not classes:
         return ()
     # these load torch
-    from stereo_seecolor.color.fitting.robust import ENOUGH, fit_all
+    from stereo_seecolor.color.fitting.robust import fit_all
     from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
 
     table = usual_exposure(classes)[1].table
     given = quantiles_by_range(table, config.encoding)
     exchanged = replace(given, light=given.light[::-1].copy(), clipped=given.clipped[::-1].copy())
-    costs = fit_all([given, exchanged], config, enough=ENOUGH)[1]
+    # to the minimum: a fit of costs alone may end ten above it
+    costs = fit_all([given, exchanged], config)[1]
     if costs[0] - costs[1] < LEAST_EVIDENCE:
         return ()
     return (
