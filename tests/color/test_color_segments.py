@@ -182,6 +182,20 @@ def test_the_errors_of_a_water_by_its_parts_are_the_spread_of_dives():
     assert (ratio < 2.0).all()
 
 
+def test_the_errors_of_blocks_are_those_of_fits_that_reach_their_minimum():
+    """Fits that ended early, as for costs, gave .85 of these errors here, and four times a real
+    dive's.
+    """
+    corrector = Corrector(ColorConfig())
+    tables = [corrector.measure(*frame) for frame in dive_in_sea(np.random.default_rng(0), 8)]
+    whole = reduce(add, tables)
+    water = corrector.fit(whole)
+    exact = replace(water, standard_errors={"y": np.zeros(3), "white": 1e-6 * water.white})
+    shown = with_errors_of_blocks(exact, whole, tables, corrector.config).standard_errors["y"]
+    without = np.array([corrector.fit(whole - table).y for table in tables])
+    assert shown == pytest.approx(np.sqrt(7 * without.var(axis=0)), rel=0.01)
+
+
 @pytest.mark.slow
 def test_blocks_that_enlarge_one_error_of_the_white_point_leave_none_of_its_ratios_smaller():
     """Errors of red, green and blue over their mean hold those of ratios: each cannot be enlarged

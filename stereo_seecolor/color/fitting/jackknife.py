@@ -83,7 +83,7 @@ def _errors(
     """(3,) errors of each parameter, from what is left without each block; of the white point those
     of its color.
     """
-    waters, _ = robust.fit_all(rest, config, [water] * len(rest), robust.ENOUGH)
+    waters, _ = robust.fit_all(rest, config, [water] * len(rest))
     values = np.array([[getattr(one, name) for name in NAMES] for one in waters])
     white = np.log(values[:, 4])
     values[:, 4] = (white - white.mean(axis=1, keepdims=True)) * water.white
