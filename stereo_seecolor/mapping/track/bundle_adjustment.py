@@ -7,12 +7,14 @@ the frames' equations are solved in a sparse order.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry import RectifiedPair
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, State
+from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.known_points import Known, KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.shared_points import TrackObservations
@@ -58,6 +60,7 @@ class Adjusted:
 def adjust(
     T_world_camera: Array,
     observations: TrackObservations,
+    geometry: RectifiedPair,
     priors: Sequence[Prior] = (),
     known: Sequence[Known] = (),
 ) -> Adjusted:
@@ -89,7 +92,7 @@ def adjust(
         problem, used = stated.scaled(*scale), scale
         state = _solved(problem, state, tolerance)
         scale = _scales(problem, state, used)
-    T[stated.frames], std[stated.frames] = state.T, _std(problem, state)
+    T[stated.frames], std[stated.frames] = state.T, _std(problem, state, geometry)
     return Adjusted(T, std, used)
 
 
@@ -127,17 +130,22 @@ def _scales(problem: BundleProblem, state: State, used: tuple[float, float]) -> 
     return directions, depths
 
 
-def _std(problem: BundleProblem, state: State) -> Array:
-    """(N, 2) of position and attitude.
+def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array:
+    """(N, 2) of position and attitude: by errors of each observation, and by those of the disparity
+    that all frames share.
 
     All NaN where errors grow so far along an open track, some hundreds of meters, that double
     precision does not hold them.
     """
+    number = len(state.T)
     try:
-        found = problem.linearize(state).blocks.covariances()[: len(state.T)]
+        blocks = problem.linearize(state).blocks
+        variances = np.diagonal(blocks.covariances()[:number], axis1=1, axis2=2).copy()
+        for error in disparity_errors(problem.seen, geometry):
+            seen_otherwise = replace(problem, seen=problem.seen + error).linearize(state).blocks
+            variances += (seen_otherwise.solve() - blocks.solve())[:number] ** 2
     except np.linalg.LinAlgError:
-        return np.full((len(state.T), 2), np.nan)
-    variances = np.diagonal(found, axis1=1, axis2=2)
+        return np.full((number, 2), np.nan)
     return np.asarray(
         np.sqrt(np.column_stack([variances[:, 3:].sum(axis=1), variances[:, :3].sum(axis=1)]))
     )

@@ -45,6 +45,9 @@ class ImageErrorSettings:
     # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect
     # lens
     better: float = 0.995
+    # standard deviation at the image's corner of each ramp and bend of the disparity that matching
+    # leaves: without them the errors of twelve synthetic tracks were 1.8 times as large as stated
+    disparity_px: float = 0.02
 
 
 SETTINGS = ImageErrorSettings()
@@ -196,6 +199,24 @@ def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:
         geometry.focal_px * geometry.baseline_m
     )
     return found[:, :, :terms]
+
+
+def disparity_errors(points: Array, geometry: RectifiedPair) -> list[Array]:
+    """Ramps (x, y) and bends (x x, x y, y y) of the disparity that all frames share, each as large
+    as its standard deviation.
+
+    Ramps look like a turn of the camera, so that no dive shows them, and a track bends by them.
+
+    Returns:
+        Five errors of points (n, 3) in image space, each (n, 3).
+    """
+    corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
+    x, y = points[:, 0] / corner, points[:, 1] / corner
+    inverse_m = SETTINGS.disparity_px / (geometry.focal_px * geometry.baseline_m)
+    none = np.zeros_like(x)
+    return [
+        np.stack([none, none, inverse_m * term], axis=1) for term in (x, y, x * x, x * y, y * y)
+    ]
 
 
 def _thinned(pair: FramePair) -> FramePair:

@@ -102,7 +102,7 @@ def _adjusted(T: Array, part: _Part) -> Adjusted:
     known: list[Known] = []
     if part.marks:
         found, known = part.marks.joined(found, set(part.frames))
-    return adjust(T, found, part.priors, known)
+    return adjust(T, found, part.track.survey.geometry, part.priors, known)
 
 
 def _by_windows(T: Array, part: _Part) -> Array:
