@@ -28,11 +28,9 @@ from urllib.parse import unquote, urlsplit
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 
 from stereo_seecolor.report.frame_blocks import blocks_of
-from stereo_seecolor.report.map_mesh import packed_steps
 from stereo_seecolor.report.templates import FIRST, script
 
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -244,20 +242,8 @@ def write(
     receiver = "textured" if isinstance(packed, list) else "mesh"
     for part in packed if isinstance(packed, list) else [packed]:
         part["low_m"] = placed(part["low_m"], scale, offset_m)
-        if scale > 1:
-            part["positions"] = packed_steps(steps_of(part) // np.array([1, 1, scale]))
-            part["step_m"] *= scale
+        part["step_m"] = [scale * part["step_m"][0], scale * part["step_m"][1], part["step_m"][2]]
     (folder / f"page/map/{new}.js").write_bytes(script(receiver, new, packed, finer))
-
-
-def steps_of(part: dict[str, Any]) -> NDArray[np.int64]:
-    """(N, 3) the places of the vertices, as web/src/pieces.ts reads them."""
-    planes = (
-        np.frombuffer(zlib.decompress(part["positions"]), np.uint8).reshape(3, -1).astype(np.int64)
-    )
-    folded = planes[0] | planes[1] << 8 | planes[2] << 16
-    differences = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1)
-    return np.asarray(differences.cumsum(axis=1).T)
 
 
 def processes() -> dict[str, tuple[float, float]]:

@@ -8,9 +8,8 @@ try:
     from isal.isal_zlib import error as fast_error
 except ImportError:  # no wheel for this machine: the same content, in more time
 
-    def fast_compress(content: bytes | memoryview, level: int) -> bytes:  # type: ignore[misc]  # noqa: D103
-        runs = zlib.compressobj(level, strategy=zlib.Z_RLE)
-        return runs.compress(content) + runs.flush()
+    def fast_compress(content: bytes | memoryview, _: int) -> bytes:  # type: ignore[misc]  # noqa: D103
+        return deflated_runs(content)
 
     fast_inflater, fast_error = zlib.decompressobj, zlib.error  # type: ignore[assignment]
 
@@ -30,6 +29,14 @@ def deflated(content: bytes | memoryview, repeats: bool = False) -> bytes:
     if repeats:
         return zlib.compress(content, 6)
     return bytes(fast_compress(content, FAST_LEVEL))
+
+
+def deflated_runs(content: bytes | memoryview) -> bytes:
+    """A zlib stream that looks only for runs of a byte: differences of a mesh take a tenth less,
+    and less time, than where repeats are looked for, which they have by chance.
+    """
+    runs = zlib.compressobj(6, strategy=zlib.Z_RLE)
+    return runs.compress(content) + runs.flush()
 
 
 def inflated(content: bytes | memoryview, size: int) -> bytes:

@@ -30,11 +30,7 @@ from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TER
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "12"
-STRIP_VOXELS = 1
-"""Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to
-cell, and deflate well.
-"""
+FORMAT = "13"
 FOLDER = f"{PAGE}/map"
 RASTERS = {MOSAIC: 4, TERRAIN: 1, GAPS: 1}
 """Of the map that the page shows, with their bands."""
@@ -182,8 +178,7 @@ class _MapFiles:
 
     @staticmethod
     def _script(name: str, piece: Piece, cell_m: float, finer: Pieces) -> bytes:
-        strips = piece.in_strips(STRIP_VOXELS * cell_m)
-        return script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel), finer)
+        return script("mesh", name, piece.packed(cell_m / SIZES.steps_per_voxel), finer)
 
     def _terrain(self, about: dict[str, Any], mesh: MeshSource | None) -> Files:
         terrain = self.terrain

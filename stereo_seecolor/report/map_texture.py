@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
-from stereo_seecolor.report.map_mesh import (
-    RIM_SHADE,
-    SIZES,
-    Piece,
-    box,
-    in_strips,
-    packed_steps,
-    packed_surface,
-)
+from stereo_seecolor.report.map_mesh import RIM_SHADE, SIZES, Piece, box, packed_surface
+from stereo_seecolor.report.mesh_code import Walk
 from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
@@ -129,26 +122,22 @@ def _packed(
     unseen = made.charts.of_face < 0
     step_m = cell_m / SIZES.steps_per_voxel
     parts = [
-        _page(piece, cell_m, step_m, *page)
+        _page(piece, step_m, *page)
         for page in replace(made, group=np.where(unseen, -1, 0)).pages(step=step)
     ]
     if unseen.any():
-        parts.append(piece.of(np.flatnonzero(unseen)).in_strips(cell_m).packed(step_m))
+        parts.append(piece.of(np.flatnonzero(unseen)).packed(step_m))
     return box(piece), parts
 
 
-def _page(
-    piece: Piece, cell_m: float, step_m: float, mesh: PageMesh, pixels: NDArray[np.uint8]
-) -> dict[str, Any]:
-    at = mesh.vertex
-    of_page = Piece(piece.points_m[at], piece.colors[at], mesh.triangles, piece.rim[at])
-    nodes, triangles = in_strips(of_page, cell_m)
+def _page(piece: Piece, step_m: float, mesh: PageMesh, pixels: NDArray[np.uint8]) -> dict[str, Any]:
+    walk = Walk.over(mesh.triangles)
     size = pixels.shape[1::-1]
     flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
     jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
-    texels = mesh.uv[nodes] * np.array(size, np.float32) * TEXTURES.steps_per_texel
-    return packed_surface(of_page.points_m[nodes], triangles, step_m) | {
-        "uv": packed_steps(np.rint(texels).astype(np.int64)),
+    texels = np.rint(mesh.uv * np.array(size, np.float32) * TEXTURES.steps_per_texel)
+    return packed_surface(piece.points_m[mesh.vertex], mesh.triangles, walk, step_m) | {
+        "uv": walk.packed_values(texels.astype(np.int64)),
         "uv_steps": TEXTURES.steps_per_texel,
         "size": size,
         "jpeg": jpeg,

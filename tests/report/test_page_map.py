@@ -5,7 +5,6 @@ made once.
 import gc
 import json
 import tracemalloc
-import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, flat_frames, write_map
+from mesh_decoder import colors_of, triangles_of, values_of
 from plane_decoder import bytes_of, decoded, script_values
 
 from stereo_seecolor.commands.fuse import fuse
@@ -24,6 +24,7 @@ from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
+from stereo_seecolor.report.mesh_code import Walk
 from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, cluster_vertices
 from stereo_seecolor.report.mesh_levels import levels as made_levels
 
@@ -59,30 +60,21 @@ def mesh_levels(mesh: Piece, voxel_m: float, folder: Path) -> list[Level]:
     return list(made_levels(source, voxel_m, folder))
 
 
-def numbers(packed: bytes, planes: int) -> np.ndarray:
-    content = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(planes, -1)
-    return sum(plane.astype(np.int64) << (8 * i) for i, plane in enumerate(content))
-
-
-def sums(packed: bytes, columns: int) -> np.ndarray:
-    """Rows of whole numbers from their differences."""
-    folded = numbers(packed, 3)
-    return ((folded >> 1) ^ -(folded & 1)).reshape(columns, -1).cumsum(axis=1).T
-
-
-def triangles_of(packed: bytes) -> np.ndarray:
-    indices, newest = [], 0
-    for back in numbers(packed, 3):
-        indices.append(newest - back)
-        newest += back == 0
-    return np.array(indices).reshape(-1, 3)
-
-
 def unpacked(packed: dict[str, Any]) -> Piece:
     """What the page's program makes of a packed piece."""
-    colors = numbers(packed["colors"], 1).reshape(3, -1).cumsum(axis=1).T.astype(np.uint8)
-    points = np.array(packed["low_m"]) + sums(packed["positions"], 3) * packed["step_m"]
-    return whole(points.astype(np.float32), colors, triangles_of(packed["indices"]))
+    triangles, beside = triangles_of(packed)
+    steps = values_of(packed["positions"], beside)
+    points = np.array(packed["low_m"]) + steps * packed["step_m"]
+    return whole(points.astype(np.float32), colors_of(packed["colors"], beside), triangles)
+
+
+def parts_of(path: Path) -> list[dict[str, Any]]:
+    """The packed pieces of a script."""
+    held = script_values(path)[1]
+    return [
+        {name: bytes_of(value) if type(value) is str else value for name, value in part.items()}
+        for part in (held if type(held) is list else [held])
+    ]
 
 
 def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
@@ -97,7 +89,7 @@ def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
 def test_what_is_packed_comes_out_again() -> None:
     mesh, step_m = hills(), 0.0005
     mesh = replace(mesh, colors=mesh.colors & 0xFC | 2)  # of those that the page can show
-    found = unpacked(mesh.in_strips(0.04).packed(step_m))
+    found = unpacked(mesh.packed(step_m))
     assert len(found.points_m) == len(mesh.points_m)
     order, found_order = (
         np.lexsort(mesh.points_m[:, :2].round(2).T),
@@ -121,8 +113,9 @@ def by_colors(piece: Piece) -> list[list[tuple[int, ...]]]:
 
 
 def test_colors_are_a_step_of_two_off_at_most() -> None:
-    mesh = hills().in_strips(0.01)
-    assert abs(unpacked(mesh.packed(0.001)).colors.astype(int) - mesh.colors).max() <= 2
+    mesh = hills()
+    shown = unpacked(mesh.packed(0.001)).colors.astype(int)
+    assert abs(shown - mesh.colors[Walk.over(mesh.triangles).vertex]).max() <= 2
 
 
 def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not(
@@ -141,18 +134,45 @@ def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not(
     assert (mesh.rim == border | beside).all()
     finest = mesh_levels(mesh, 0.001, tmp_path)[0]  # the hole stays open
     assert len(finest.boxes) > 4
-    shown = [tile.in_strips(0.01) for _, tile in finest.tiles()]
+    shown = [tile for _, tile in finest.tiles()]
     for tile in shown:
         dark = unpacked(tile.packed(0.001)).colors[:, 0] < 150
-        assert (dark == tile.rim).all()
+        assert (dark == tile.rim[Walk.over(tile.triangles).vertex]).all()
     rims = np.unique(np.concatenate([tile.points_m[tile.rim] for tile in shown]), axis=0)
     assert len(rims) == (border | beside).sum()
 
 
-def test_a_triangle_takes_five_bytes() -> None:
+def test_a_triangle_takes_three_bytes_and_its_corners_three_bits_of_them() -> None:
     mesh, count = hills(300), 2 * 299**2
-    packed = mesh.in_strips(0.01).packed(0.01 / 16)
-    assert len(packed["positions"]) + len(packed["indices"]) + len(packed["colors"]) < 5 * count
+    packed = mesh.packed(0.01 / 16)
+    walk = len(packed["steps"]) + len(packed["far"])
+    assert 8 * walk < 3 * count
+    assert walk + len(packed["positions"]) + len(packed["colors"]) < 3 * count
+
+
+def test_meshes_of_several_parts_with_holes_and_bows_come_out_again() -> None:
+    """Also of triangles that only share a corner, three at an edge, and sides that are turned."""
+    rng = np.random.default_rng(3)
+    grid = hills(20).triangles
+    several = np.concatenate([grid[rng.random(len(grid)) > 0.2], 400 + grid, [[400, 3, 7]]])
+    turned = several.copy()
+    turned[::7] = turned[::7, ::-1]
+    bow = np.array([[0, 1, 2], [0, 3, 4]])
+    fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [4, 1, 5]])
+    sphere = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [3, 2, 1]])
+    random = rng.integers(0, 40, (200, 3))
+    random = random[(random != np.roll(random, 1, axis=1)).all(axis=1)]
+    for triangles in (several, turned, bow, fan, sphere, random):
+        walk = Walk.over(triangles)
+        found, beside = triangles_of(walk.packed() | {"triangles": len(triangles)})
+        assert turned_first(walk.vertex[found]) == turned_first(triangles)
+        assert (beside == walk.beside).all()
+
+
+def turned_first(triangles: np.ndarray) -> list[tuple[int, ...]]:
+    """Triangles in no order, each from its least corner on."""
+    rows = [tuple(row) for row in triangles.tolist()]
+    return sorted(min(row[i:] + row[:i] for i in range(3)) for row in rows)
 
 
 def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(
@@ -217,7 +237,7 @@ def test_no_level_has_a_gap_that_the_whole_mesh_has_not(
     for level in mesh_levels(mesh, 0.01, tmp_path):
         cell_m = level.cell_m
         step_m = cell_m / 16
-        shown = [unpacked(tile.in_strips(cell_m).packed(step_m)) for _, tile in level.tiles()]
+        shown = [unpacked(tile.packed(step_m)) for _, tile in level.tiles()]
         points = np.concatenate([tile.points_m for tile in shown])
         counts = np.cumsum([0] + [len(tile.points_m) for tile in shown])
         triangles = np.concatenate(
@@ -401,9 +421,8 @@ def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pict
     assert (alpha > 0).mean() > 0.5
     assert abs(found[alpha > 250][:, :3].mean(axis=0) - (200, 90, 30)).max() < 4
     for name, is_raw in (("0_0_0", True), ("whole", False)):
-        colors = bytes_of(script_values(out / f"page/map/{name}.js")[1]["colors"])
-        of_vertices = np.frombuffer(zlib.decompress(colors), np.uint8).reshape(3, -1).cumsum(axis=1)
-        found = np.median(of_vertices.astype(np.uint8), axis=1)
+        piece = parts_of(out / f"page/map/{name}.js")[0]
+        found = np.median(unpacked(piece).colors, axis=0)
         assert (abs(found[::-1] - (200, 90, 30)).max() < 4) == is_raw
 
 
@@ -438,14 +457,13 @@ def test_the_surface_shows_lines_as_strong_as_the_frames_do(
     report(out)
     spots, grays = [], []
     for path in (out / "page/map").glob("textured_0_*.js"):
-        for part in script_values(path)[1]:
-            if "jpeg" not in part:  # the rim, which no image shows
+        for page in parts_of(path):
+            if "jpeg" not in page:  # the rim, which no image shows
                 continue
-            page = {name: bytes_of(value) for name, value in part.items() if type(value) is str}
             image = cv2.imdecode(np.frombuffer(page["jpeg"], np.uint8), cv2.IMREAD_GRAYSCALE)
-            points_m = sums(page["positions"], 3) * part["step_m"] + part["low_m"]
-            uv = sums(page["uv"], 2) / part["uv_steps"] - 0.5
-            corners = triangles_of(page["indices"])
+            corners, beside = triangles_of(page)
+            points_m = values_of(page["positions"], beside) * page["step_m"] + page["low_m"]
+            uv = values_of(page["uv"], beside) / page["uv_steps"] - 0.5
             for weights in np.random.default_rng(1).dirichlet(np.ones(3), 4):
                 inside = np.einsum("k,tkc->tc", weights, points_m[corners])
                 place = np.einsum("k,tkc->tc", weights, uv[corners]).astype(np.float32)

@@ -5,6 +5,7 @@ import type { Piece } from "./about";
 import { fromText, inflated } from "./codes";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
+import { walked } from "./walk";
 
 const BLOCK_TRIANGLES = 4000; // drawn in a millisecond without a graphics card
 
@@ -12,9 +13,10 @@ interface Surface {
   vertices: number;
   triangles: number;
   low_m: number[];
-  step_m: number;
+  step_m: number[];
+  steps: string;
+  far: string;
   positions: string;
-  indices: string;
 }
 
 interface Packed extends Surface {
@@ -64,17 +66,13 @@ export function dispose(parts: Mesh[], material: Material): void {
 }
 
 async function withColors(packed: Packed): Promise<BufferGeometry> {
-  const [geometry, colors] = await Promise.all([surface(packed), inflated(packed.colors)]);
-  return geometry.setAttribute("color", new BufferAttribute(opaque(colors, packed.vertices), 4, true));
+  const [{ geometry, beside }, colors] = await Promise.all([surface(packed), inflated(packed.colors)]);
+  return geometry.setAttribute("color", new BufferAttribute(opaque(colors, beside), 4, true));
 }
 
 async function withPlaces(page: Page): Promise<BufferGeometry> {
-  const [geometry, bytes] = await Promise.all([surface(page), inflated(page.uv)]);
-  const steps = sums(bytes, 3, page.vertices);
-  const uv = new Float32Array(2 * page.vertices);
-  for (let axis = 0; axis < 2; axis++) {
-    for (let i = 0; i < page.vertices; i++) uv[2 * i + axis] = steps[axis * page.vertices + i] / page.uv_steps / page.size[axis];
-  }
+  const [{ geometry, beside }, bytes] = await Promise.all([surface(page), inflated(page.uv)]);
+  const uv = placed(bytes, beside, [0, 0], page.size.map((size) => 1 / page.uv_steps / size));
   return geometry.setAttribute("uv", new BufferAttribute(uv, 2));
 }
 
@@ -89,12 +87,14 @@ async function painted(jpeg: string): Promise<Material> {
   return new MeshBasicMaterial({ map: texture, side: 2 });
 }
 
-async function surface(packed: Surface): Promise<BufferGeometry> {
-  const [positions, indices] = await Promise.all([packed.positions, packed.indices].map(inflated));
+/** beside: of each vertex the one that its values differ from. */
+async function surface(packed: Surface): Promise<{ geometry: BufferGeometry; beside: Int32Array }> {
+  const [steps, far, positions] = await Promise.all([packed.steps, packed.far, packed.positions].map(inflated));
+  const { indices, beside } = walked(steps, far, packed.vertices, packed.triangles);
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(placed(positions, packed), 3));
-  geometry.setIndex(new BufferAttribute(counted(indices, 3 * packed.triangles), 1));
-  return geometry;
+  geometry.setAttribute("position", new BufferAttribute(placed(positions, beside, packed.low_m, packed.step_m), 3));
+  geometry.setIndex(new BufferAttribute(indices, 1));
+  return { geometry, beside };
 }
 
 /** A surface in square blocks with the same vertices: those out of sight are neither drawn nor searched for what was clicked. */
@@ -131,49 +131,28 @@ function blocks(whole: BufferGeometry, material: Material): Mesh[] {
     });
 }
 
-/** Numbers of either sign from their bytes, the lowest first, as running sums over rows of a length. */
-function sums(bytes: Uint8Array, planes: number, rows: number): Int32Array {
-  const count = bytes.length / planes;
-  const values = new Int32Array(count);
-  for (let i = 0; i < count; i++) {
-    let folded = 0;
-    for (let plane = 0; plane < planes; plane++) folded |= bytes[plane * count + i] << (8 * plane);
-    const difference = (folded >>> 1) ^ -(folded & 1);
-    values[i] = i % rows ? values[i - 1] + difference : difference;
-  }
+/** Values of each vertex, axis after axis: differences in steps, of either sign, in three bytes, the lowest of all first. */
+function placed(bytes: Uint8Array, beside: Int32Array, low: number[], step: number[]): Float32Array {
+  const count = bytes.length / 3;
+  const values = new Float32Array(count);
+  const sums = new Int32Array(beside.length);
+  low.forEach((from, axis) => {
+    for (let i = 0, at = axis * beside.length; i < beside.length; i++, at++) {
+      const folded = bytes[at] | (bytes[count + at] << 8) | (bytes[2 * count + at] << 16);
+      sums[i] = (i ? sums[beside[i]] : 0) + ((folded >>> 1) ^ -(folded & 1));
+      values[low.length * i + axis] = from + sums[i] * step[axis];
+    }
+  });
   return values;
 }
 
-function placed(bytes: Uint8Array, { vertices, low_m, step_m }: Surface): Float32Array {
-  const steps = sums(bytes, 3, vertices);
-  const positions = new Float32Array(3 * vertices);
-  for (let axis = 0; axis < 3; axis++) {
-    for (let i = 0; i < vertices; i++) positions[3 * i + axis] = low_m[axis] + steps[axis * vertices + i] * step_m;
-  }
-  return positions;
-}
-
-/** Each index is given as how far it lies before the next new vertex; 0 is that vertex itself. */
-function counted(bytes: Uint8Array, count: number): Uint32Array {
-  const indices = new Uint32Array(count);
-  let next = 0;
-  for (let i = 0; i < count; i++) {
-    const back = bytes[i] | (bytes[count + i] << 8) | (bytes[2 * count + i] << 16);
-    indices[i] = next - back;
-    if (!back) next++;
-  }
-  return indices;
-}
-
-/** Colors of 8 bits; opaque, so that each takes a whole word of memory. */
-function opaque(bytes: Uint8Array, vertices: number): Uint8Array {
-  const colors = new Uint8Array(4 * vertices).fill(255);
-  for (let channel = 0; channel < 3; channel++) {
-    let value = 0;
-    for (let i = 0; i < vertices; i++) {
-      value = (value + bytes[channel * vertices + i]) & 255;
-      colors[4 * i + channel] = value;
-    }
-  }
+/** Colors of 64 steps, red and blue as their differences from green; opaque, so that each takes a whole word of memory. */
+function opaque(bytes: Uint8Array, beside: Int32Array): Uint8Array {
+  const count = beside.length;
+  const [red, green, blue] = [0, 1, 2].map((channel) => bytes.slice(channel * count, (channel + 1) * count));
+  for (const sums of [red, green, blue]) for (let i = 1; i < count; i++) sums[i] += sums[beside[i]];
+  const colors = new Uint8Array(4 * count).fill(255);
+  const shown = (step: number) => 4 * (step & 63) + 2;
+  for (let i = 0; i < count; i++) colors.set([shown(red[i] + green[i]), shown(green[i]), shown(blue[i] + green[i])], 4 * i);
   return colors;
 }
