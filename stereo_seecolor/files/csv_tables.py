@@ -68,7 +68,7 @@ def table_rows(content: bytes) -> Iterator[dict[str, str]]:
 
 
 def header(path: Path) -> Sequence[str]:
-    """The columns of a table. Raises InputError if it cannot be read."""
+    """The columns of a table, in lower case. Raises InputError if it cannot be read."""
     try:
         return _reader(path).fieldnames or ()
     except csv.Error as error:
@@ -76,8 +76,8 @@ def header(path: Path) -> Sequence[str]:
 
 
 def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Place (path and line) and cells of each row. Raises InputError, also where one of ``columns``
-    is missing.
+    """Place (path and line) and cells of each row, by the names of its columns in lower case.
+    Raises InputError, also where one of ``columns`` is missing.
     """
     missing = [name for name in columns if name not in header(path)]
     if missing:
@@ -156,4 +156,6 @@ class _Cells:
 
 
 def _reader(path: Path) -> "csv.DictReader[str]":
-    return dict_reader(read_text(path))
+    reader = dict_reader(read_text(path))
+    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+    return reader

@@ -9,7 +9,7 @@ import { placed, quoted } from "./measures";
 import { seecolor } from "./shared";
 
 const MOST_PX = 8000; // a side of a tile of `export --to tiles`
-const LABELS = ["Label", "Label code"]; // as CoralNet exports the column, and as it takes it
+const LABELS = ["label", "label code"]; // as CoralNet exports the column, and as it takes it
 
 interface Tile {
   name: string;
@@ -36,40 +36,55 @@ function evenRound(value: number): number {
   return value % 1 === 0.5 && near % 2 ? near - 1 : near;
 }
 
+/** The text of a table as programs write it: UTF-8 or UTF-16, else that of Windows. */
+export async function textOf(file: Blob): Promise<string> {
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  const wide = { "255,254": "utf-16le", "254,255": "utf-16be" }[`${bytes.slice(0, 2)}`];
+  try {
+    return new TextDecoder(wide ?? "utf-8", { fatal: true }).decode(bytes);
+  } catch {
+    return new TextDecoder("windows-1252").decode(bytes);
+  }
+}
+
 /**
- * The points of a table of CoralNet; label is "" where none was given. Their spots are NaN where the frame has no range.
+ * The points of a table of CoralNet; label is "" where none was given. Their spots are NaN where the frame has no range, or no place on the map.
  * Throws an Error that names the line, where the table or one of its images is not known.
  */
 export async function readPoints(text: string, dive: Dive, about: About): Promise<LabelledSpot[]> {
   const [head, ...rows] = table(text);
-  const [name, row, column] = ["Name", "Row", "Column"].map((wanted) => head?.indexOf(wanted) ?? -1);
-  const label = Math.max(...LABELS.map((wanted) => head?.indexOf(wanted) ?? -1));
-  if (Math.min(name, row, column, label) < 0) throw new Error("line 1: columns Name, Row, Column and Label are needed");
+  const place = (wanted: string) => head?.findIndex((each) => each.toLowerCase() === wanted) ?? -1;
+  const [name, row, column] = ["name", "row", "column"].map(place);
+  const labels = LABELS.map(place).filter((each) => each >= 0);
+  if (Math.min(name, row, column, labels.length - 1) < 0) throw new Error("line 1: columns Name, Row, Column and Label are needed");
   const found: LabelledSpot[] = [];
   for (const [i, cells] of rows.entries()) {
-    const pixel = [Number(cells[column]), Number(cells[row])] as [number, number];
-    const spot_m = pixel.every((value) => Number.isInteger(value) && value >= 0) && (await spotOf(cells[name], pixel, dive, about));
-    if (!spot_m) throw new Error(`line ${i + 2}: ${cells[name]}, row ${cells[row]}, column ${cells[column]} is not a pixel of a frame of the map, or of a tile of export --to tiles`);
-    found.push({ spot_m, label: cells[label] ?? "" });
+    const pixel = [column, row].map((each) => (cells[each] ? Number(cells[each].replace(",", ".")) : NaN)) as [number, number];
+    const spot_m = pixel.every((value) => Number.isInteger(value) && value >= 0) && (await spotOf(cells[name] ?? "", pixel, dive, about));
+    if (!spot_m) throw new Error(`line ${i + 2}: ${cells[name]}, row ${cells[row]}, column ${cells[column]} is not a pixel of a corrected frame, or of a tile of export --to tiles`);
+    found.push({ spot_m, label: labels.map((each) => cells[each]).find(Boolean) ?? "" });
   }
   return found;
 }
 
 /** Where a pixel of a frame or a tile lies on the map; null where there is no such pixel. */
 async function spotOf(image: string, [x, y]: [number, number], dive: Dive, about: About): Promise<[number, number] | null> {
-  const stem = image.replace(/\.[^.]*$/, "");
+  const file = image.replace(/^.*[\\/]/, "");
+  const names = [file, file.replace(/\.[^.]*$/, "")]; // names of frames may hold dots
+  const frame = names.find((each) => dive.names.includes(each));
   const { geometry: g } = dive;
-  const pose = await poseOf(dive, stem);
-  if (g && pose) {
+  if (g && frame !== undefined) {
     if (x >= g.image_size[0] || y >= g.image_size[1]) return null;
-    const range_m = has(dive, stem, "ranges") && seecolor.rangesOf ? (await seecolor.rangesOf(dive, stem)).range_m[y * g.image_size[0] + x] : NaN;
+    const pose = await poseOf(dive, frame);
+    if (!pose) return [NaN, NaN];
+    const range_m = has(dive, frame, "ranges") && seecolor.rangesOf ? (await seecolor.rangesOf(dive, frame)).range_m[y * g.image_size[0] + x] : NaN;
     const ray = [(x - g.cx_left_px) / g.focal_px, (y - g.cy_px) / g.focal_px, 1];
     const far = (range_m * about.range_scale) / Math.hypot(...ray);
     const [east_m, north_m] = placed(pose, ray.map((value) => value * far));
     return [east_m, north_m];
   }
   const mosaic = about.mosaic;
-  const tile = mosaic && tiles(mosaic.width, mosaic.height).find((each) => each.name === `${stem}.png`);
+  const tile = mosaic && tiles(mosaic.width, mosaic.height).find((each) => names.includes(each.name.slice(0, -4)));
   if (!mosaic || !tile || x >= tile.width || y >= tile.height) return null;
   return [mosaic.west_m + (tile.left + x + 0.5) * mosaic.pixel_m - about.offset_m[0], mosaic.north_m - (tile.top + y + 0.5) * mosaic.pixel_m - about.offset_m[1]];
 }
@@ -88,13 +103,17 @@ export function writePoints(points: readonly LabelledSpot[], about: About): stri
   return [["Name", "Row", "Column", "Label"], ...rows].map((row) => row.map(quoted).join(",") + "\r\n").join("");
 }
 
-/** The cells of a table; those in quotes may hold commas and lines. */
+/** The cells of a table, between the most usual of its separators; those in quotes may hold separators and lines. */
 function table(text: string): string[][] {
   const rows: string[][] = [[]];
-  for (const [, quotedCell, plain, end] of text.replace(/^\uFEFF/, "").matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|\r|$)/g)) {
-    rows[rows.length - 1].push(quotedCell?.replaceAll('""', '"') ?? plain.trim());
+  const content = text.replace(/^\uFEFF/, "");
+  const head = content.split(/[\r\n]/, 1)[0];
+  const separator = [",", ";", "\t"].reduce((most, each) => (head.split(each).length > head.split(most).length ? each : most));
+  const cells = new RegExp(` *(?:"((?:[^"]|"")*)" *|([^${separator}\\r\\n]*))(${separator}|\\r?\\n|\\r|$)`, "g");
+  for (const [, quotedCell, plain, end] of content.matchAll(cells)) {
+    rows[rows.length - 1].push((quotedCell?.replaceAll('""', '"') ?? plain).trim());
     if (end === "") break;
-    if (end !== ",") rows.push([]);
+    if (end !== separator) rows.push([]);
   }
   return rows.filter((row) => row.some(Boolean));
 }

@@ -1,7 +1,7 @@
 // Cover by random points on the map: each is labelled, and counts give fractions of what was seen with binomial intervals.
 
 import type { About } from "./about";
-import { readPoints, writePoints } from "./coralnet";
+import { readPoints, textOf, writePoints } from "./coralnet";
 import type { CoverPoints } from "./coverpoints";
 import type { Dive, Text } from "./dive";
 import { button, element, readable, redraw, select } from "./elements";
@@ -105,7 +105,7 @@ export class Cover {
   /** The points of CoralNet's table that lie where the map shows the bottom. */
   private async load(file: File): Promise<void> {
     try {
-      const all = await readPoints(await file.text(), this.dive, this.about);
+      const all = await readPoints(await textOf(file), this.dive, this.about);
       const known: LabelledSpot[] = [];
       for (const each of all) {
         if (each.spot_m.some(Number.isNaN)) continue;

@@ -5,7 +5,7 @@ the cover that they give.
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import Path, PurePath, PureWindowsPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
-PLACE = ("Name", "Row", "Column")
-LABELS = ("Label", "Label code")
+PLACE = ("name", "row", "column")
+LABELS = ("label", "label code")
 """Columns of CoralNet's annotations: as it exports them, and as it takes them."""
 Z95 = 1.959964
 """Of the normal distribution: 95 % lie within."""
@@ -51,27 +51,37 @@ class PointCover:
 def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
     """The labelled points of CoralNet's CSV; rows without a label are left out.
 
-    Name: a tile of ``export --to tiles``, or a corrected frame. Row, Column: its pixel, from 0.
-    Raises InputError if the table cannot be used, names another image, or a pixel beside it.
+    Name: a tile of ``export --to tiles``, or a corrected frame, with or without folder and suffix.
+    Row, Column: its pixel, from 0. Raises InputError if the table cannot be used, names another
+    image, or a pixel beside it.
     """
     names = csv_tables.header(path)
-    label = next((name for name in LABELS if name in names), LABELS[0])
+    labels = [name for name in LABELS if name in names] or LABELS[:1]
     images = _PlacedImages(posed)
     found = []
-    for where, row in csv_tables.rows(path, (*PLACE, label)):
-        if not row[label]:
+    for where, row in csv_tables.rows(path, (*PLACE, *labels)):
+        label = next(filter(None, (row[name].strip() for name in labels)), "")
+        if not label:
             continue
         try:
-            pixel = int(row["Column"]), int(row["Row"])
+            pixel = _whole(row["column"]), _whole(row["row"])
         except ValueError:
             raise InputError(f"{where}: Row and Column are not whole numbers") from None
         try:
-            found.append(LabelledPoint(row[label], *images.spot(row["Name"], pixel)))
+            found.append(LabelledPoint(label, *images.spot(row["name"], pixel)))
         except ValueError as error:
-            raise InputError(f"{where}: {row['Name']!r} {error}") from error
+            raise InputError(f"{where}: {row['name']!r} {error}") from error
     if not found:
         raise InputError(f"{path}: contains no labeled point: export CoralNet's annotations as CSV")
     return found
+
+
+def _whole(cell: str) -> int:
+    """A whole number, also as 12.0, as tables of numbers write it. Raises ValueError."""
+    value = float(cell)
+    if not value.is_integer():
+        raise ValueError(cell)
+    return int(value)
 
 
 class _PlacedImages:
@@ -80,6 +90,7 @@ class _PlacedImages:
     def __init__(self, posed: PosedRun) -> None:
         self.posed = posed
         self.frames = {frame.name: number for number, frame in enumerate(posed.frames)}
+        self.unplaced = {frame.name for frame in posed.run.frames} - self.frames.keys()
         self.tiles: dict[str, tuple[int, int, int, int]] = {}
         if (posed.map_folder / MOSAIC).is_file():
             with open_raster(posed.map_folder / MOSAIC) as mosaic:
@@ -91,13 +102,23 @@ class _PlacedImages:
         self.latest: tuple[FinishedFrame, NDArray[np.float32]] | None = None
 
     def spot(self, name: str, pixel: tuple[int, int]) -> tuple[float, float]:
-        """x and y of a pixel in the map's own coordinates. Raises ValueError."""
-        stem = PurePath(name).stem
-        if stem in self.frames:
-            return self._in_frame(stem, pixel)
-        if stem not in self.tiles:
-            raise ValueError("is neither a frame of the map nor a tile of export --to tiles")
-        left, top, *size = self.tiles[stem]
+        """x and y of a pixel in the map's own coordinates, NaN where the map lacks the frame.
+
+        Raises ValueError.
+        """
+        file = PureWindowsPath(name.strip()).name
+        for image in (file, PurePath(file).stem):  # names of frames may hold dots
+            if image in self.frames:
+                return self._in_frame(image, pixel)
+            if image in self.unplaced:
+                _check_inside(pixel, self.posed.geometry.image_size)
+                return np.nan, np.nan
+            if image in self.tiles:
+                return self._in_tile(image, pixel)
+        raise ValueError("is neither a frame of the run nor a tile of export --to tiles")
+
+    def _in_tile(self, name: str, pixel: tuple[int, int]) -> tuple[float, float]:
+        left, top, *size = self.tiles[name]
         _check_inside(pixel, size)
         x, y = self.transform @ (left + pixel[0] + 0.5, top + pixel[1] + 0.5)
         return float(x - self.posed.offset_m[0]), float(y - self.posed.offset_m[1])
@@ -119,7 +140,8 @@ class _PlacedImages:
 def _check_inside(pixel: tuple[int, int], size: Sequence[int]) -> None:
     if not (0 <= pixel[0] < size[0] and 0 <= pixel[1] < size[1]):
         raise ValueError(
-            f"has {size[0]} x {size[1]} pixels, not one in row {pixel[1]}, column {pixel[0]}"
+            f"has {size[0]} x {size[1]} pixels, not one in row {pixel[1]}, column {pixel[0]}: "
+            "annotate the corrected images, or the tiles, in their own size"
         )
 
 

@@ -29,7 +29,7 @@ def metrics_text(result: "SiteMetrics") -> str:
     if result.point_cover:
         parts.append(_point_cover(result))
     if result.unseen_points:
-        parts.append(lines(f"points in gaps of the map: {result.unseen_points}"))
+        parts.append(lines(f"points off or in gaps of the map: {result.unseen_points}"))
     parts += [
         lines(*(f"not seen: {name}" for name in result.unseen)),
         lines(*(f"  {path}" for path in result.files)),

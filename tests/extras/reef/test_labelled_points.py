@@ -72,6 +72,44 @@ def test_a_pixel_of_a_frame_lies_where_the_frame_saw_it(posed: PosedRun, tmp_pat
     assert apart == pytest.approx(10 * pixel_m, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ("name,row,column,label\nf1.png,2,30,a\nf1.png,7,5,b\n", "utf-8"),
+        ("NAME,ROW,COLUMN,LABEL CODE,Label ID\r\nf1,2,30,a,8\r\nf1.JPG,7,5,b,9\r\n", "utf-8-sig"),
+        ("Name;Row;Column;Label;Annotator\r\nf1.png;2;30;a;Müller\r\nf1;7;5;b;\r\n", "cp1252"),
+        ("Name\tRow\tColumn\tLabel\nc/f1.png\t2\t30\ta\nD:\\c\\f1.png\t7\t5\tb\n", "utf-16"),
+        (
+            "Name,Comments,Row,Column,Label,Label code,Machine suggestion 1,Machine confidence 1\n"
+            'f1.png,"two\nlines, one comma",2,30,a,,Sand,93\nf1.png,,7.0,5.0, ,b,Sand,7\n,,,,,,,\n',
+            "utf-8",
+        ),
+        (
+            "Name , Path, Row,Column,Patch Size,Label,Long Label,Verified\n"
+            "f1.png,C:/f1.png,2,30, a ,Alga,True\nf1.png,C:/f1.png,7,5,b,Bare,False\n".replace(
+                ",30,", ",30,224,"
+            ).replace(",5,", ",5,224,"),
+            "utf-8",
+        ),
+    ],
+)
+def test_tables_are_read_as_coralnet_and_spreadsheets_write_them(
+    posed: PosedRun, tmp_path: Path, text: str, encoding: str
+) -> None:
+    (tmp_path / "plain.csv").write_text(HEAD + "f1.png,2,30,a\nf1.png,7,5,b\n")
+    (tmp_path / "other.csv").write_bytes(text.encode(encoding))
+    assert read_points(tmp_path / "other.csv", posed) == read_points(tmp_path / "plain.csv", posed)
+
+
+def test_points_of_a_frame_that_the_map_lacks_are_counted_as_unseen(
+    posed: PosedRun, tmp_path: Path
+) -> None:
+    without = replace(posed, frames=posed.frames[1:], T_map_camera=posed.T_map_camera[1:])
+    (tmp_path / "a.csv").write_text(f"{HEAD}{posed.frames[0].name}.png,2,3,a\nf1.png,2,30,b\n")
+    first, second = read_points(tmp_path / "a.csv", without)
+    assert np.isnan(first.x_m) and np.isfinite(second.x_m)
+
+
 def test_cover_is_counted_by_label_and_written(fused: Path, tmp_path: Path) -> None:
     with rasterio.open(fused / "map/orthomosaic.tif") as mosaic:
         row, column = mosaic.height // 2, mosaic.width // 2
@@ -84,8 +122,8 @@ def test_cover_is_counted_by_label_and_written(fused: Path, tmp_path: Path) -> N
     ]
     table = (tmp_path / "to/point_cover.csv").read_text().splitlines()
     assert table[0] == "label,points,fraction,low,high" and len(table) == 3
-    assert "in gaps of the map" not in metrics_text(result)
-    assert "in gaps of the map: 3" in metrics_text(replace(result, unseen_points=3))
+    assert "gaps of the map" not in metrics_text(result)
+    assert "off or in gaps of the map: 3" in metrics_text(replace(result, unseen_points=3))
 
 
 def test_points_count_where_the_map_shows_the_bottom() -> None:
@@ -106,9 +144,9 @@ def test_the_interval_is_wilsons() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("Name,Row,Column\n", r"has no column 'Label'"),
+        ("Name,Row,Column\n", r"has no column 'label'"),
         (HEAD, "contains no labeled point"),
-        (HEAD + "reef.png,1,1,a\n", r"line 2: 'reef.png' is neither a frame of the map nor a tile"),
+        (HEAD + "reef.png,1,1,a\n", r"line 2: 'reef.png' is neither a frame of the run nor a tile"),
         (HEAD + "f1.png,1,100000,a\n", r"line 2: 'f1.png' has \d+ x \d+ pixels, not one in row 1"),
         (HEAD + "f1.png,1.5,2,a\n", r"line 2: Row and Column are not whole numbers"),
     ],
