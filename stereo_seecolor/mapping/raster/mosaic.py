@@ -281,6 +281,17 @@ def _paint(
     more where its color differs from the median of all views: fish, shadows and badly placed frames
     lose there, and seams move to where views agree.
     """
+    found = _seen(cells, views, geometry)
+    return np.zeros((4, *cells.z_m.shape), np.uint8) if found is None else blend(*found)
+
+
+def _seen(
+    cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedPair
+) -> tuple[NDArray[np.uint8], Float, Float] | None:
+    """Colors (n, h, w, 3) and costs (n, h, w) of the cells in the views that see any, and the mean
+    color (h, w, 3); None where no view does. The weights of the mean are a third of all memory, and
+    let go before the views are blended.
+    """
     shape = len(views), *cells.z_m.shape
     colors, costs, weights = (
         np.zeros((*shape, 3), np.uint8),
@@ -293,7 +304,7 @@ def _paint(
 
     sees_any = list(core_pool().map(project, range(len(views))))
     if not any(sees_any):
-        return np.zeros((4, *cells.z_m.shape), np.uint8)
+        return None
     if not all(sees_any):
         # one copy at a time
         colors = colors[sees_any]
@@ -307,7 +318,7 @@ def _paint(
         ),
         len(mean),
     )
-    return blend(colors, costs, mean)
+    return colors, costs, mean
 
 
 def _project(
