@@ -31,7 +31,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from stereo_seecolor.report.frame_blocks import blocks_of
-from stereo_seecolor.report.templates import FIRST, script
+from stereo_seecolor.report.templates import ESCAPE, MOVED, script
 
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 KIND = re.compile("--type=([a-z-]+)")
@@ -205,14 +205,15 @@ def content(path: Path) -> list[Any]:
 
 
 def bytes_of(value: Any) -> Any:
-    """Bytes from 15 bits a character, as stereo_seecolor/report/templates.py writes them; other
-    values as they are.
+    """Bytes from characters of two, as stereo_seecolor/report/templates.py writes them; others as
+    they are.
     """
-    if not isinstance(value, str) or min(value[1:], default="") < chr(FIRST):
+    if not isinstance(value, str) or min(value[1:], default="") < chr(ESCAPE):
         return value
-    units = np.frombuffer(value[1:].encode("utf-16-le"), "<u2") - np.uint16(FIRST)
-    bits = np.unpackbits(units.astype(">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 1:]
-    return np.packbits(bits).tobytes()[: 15 * len(units) // 8 - int(value[0])]
+    units = np.frombuffer(value[1:].encode("utf-16-le"), "<u2").copy()
+    escapes = np.flatnonzero(units == ESCAPE)
+    units[escapes + 1] ^= np.uint16(MOVED)
+    return np.delete(units, escapes).tobytes()[: -int(value[0]) or None]
 
 
 def moved(piece: dict[str, Any], scale: int, offset_m: list[float]) -> dict[str, Any]:

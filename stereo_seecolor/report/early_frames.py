@@ -15,7 +15,7 @@ from stereo_seecolor.report.frame_files import Files, Pixels, contents_of
 from stereo_seecolor.run_folder.layout import page_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 
-FORMAT = "5"
+FORMAT = "6"
 """Version of the files of a frame; increased when their content changes, so that those of an
 earlier program are made again.
 """

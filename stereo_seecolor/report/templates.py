@@ -36,8 +36,10 @@ def _path(name: str) -> str:
 
 HOLE = re.compile(r'\{"":(\d+)\}')
 """Where bytes belong in a script; no text has it, since its quotes would be escaped."""
-FIRST = 0x100
-"""Of the 2^15 characters for 15 bits: none of them needs escaping, and none is half a pair."""
+ESCAPE, MOVED = 0x100, 0x4000
+"""Two bytes are a character; one that a text may not hold as it is stands behind the first of
+these, with a bit of the second turned.
+"""
 
 
 def script(receiver: str, *values: Any) -> bytes:
@@ -64,17 +66,13 @@ def script(receiver: str, *values: Any) -> bytes:
 
 
 def _characters(content: bytes) -> str:
-    """15 bits a character, which takes a sixth less than base85; before them a digit, the number of
-    bytes that only fill the last one.
+    """Two bytes a character, of which 4 % take two; before them a digit, the number of bytes that
+    only fill the last one.
     """
-    spare = -len(content) % 15
-    filled = np.frombuffer(content + bytes(spare), np.uint8).reshape(-1, 15).astype(np.uint32)
-    units = np.empty((len(filled), 8), np.uint16)
-    for place in range(8):
-        byte, bit = divmod(15 * place, 8)
-        three = [filled[:, byte + i] if byte + i < 15 else np.uint32(0) for i in range(3)]
-        bits = three[0] << np.uint32(16) | three[1] << np.uint32(8) | three[2]
-        units[:, place] = (bits >> np.uint32(9 - bit)) & np.uint32(0x7FFF)
-    few = -(-8 * len(content) // 15)
-    characters = (units.ravel()[:few] + np.uint16(FIRST)).astype("<u2").tobytes()
-    return f"{15 * few // 8 - len(content)}{characters.decode('utf-16-le')}"
+    units = np.frombuffer(content + bytes(len(content) % 2), "<u2")
+    escaped = (units <= ESCAPE) | (units & 0xF800 == 0xD800)  # signs of the language; half pairs
+    escaped |= np.isin(units, (0x2028, 0x2029, 0xFEFF, 0xFFFE, 0xFFFF))  # ends of lines; no letters
+    place = np.arange(len(units)) + escaped.cumsum()
+    characters = np.full(len(units) + int(escaped.sum()), ESCAPE, "<u2")
+    characters[place] = np.where(escaped, units ^ MOVED, units)
+    return f"{len(content) % 2}{characters.tobytes().decode('utf-16-le')}"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.report.plane_code import CLIP, MOST_AROUND, SHIFT, UNARY
-from stereo_seecolor.report.templates import FIRST
+from stereo_seecolor.report.templates import ESCAPE, MOVED
 
 
 def script_values(path: Path) -> list[Any]:
@@ -29,10 +29,12 @@ def dive_of(out: Path) -> dict[str, Any]:
 
 
 def bytes_of(text: str) -> bytes:
-    """Bytes from 15 bits a character."""
-    units = np.frombuffer(text[1:].encode("utf-16-le"), "<u2") - np.uint16(FIRST)
-    bits = np.unpackbits(units.astype(">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 1:]
-    return np.packbits(bits).tobytes()[: 15 * len(units) // 8 - int(text[0])]
+    """Bytes from characters of two, of which some are escaped."""
+    units = np.frombuffer(text[1:].encode("utf-16-le"), "<u2")
+    escapes = np.flatnonzero(units == ESCAPE)
+    turned = units.copy()
+    turned[escapes + 1] ^= np.uint16(MOVED)
+    return np.delete(turned, escapes).tobytes()[: -int(text[0]) or None]
 
 
 def decoded(content: bytes, shape: tuple[int, int]) -> NDArray[np.int64]:

@@ -1,20 +1,20 @@
 // What scripts hold as text: bytes (stereo_seecolor/report/templates.py), and whole numbers of a picture (stereo_seecolor/report/plane_code.py).
 
-const FIRST = 0x100; // of the characters for 15 bits
+const [ESCAPE, MOVED] = [0x100, 0x4000];
 const CLIP = 2;
 const MOST_AROUND = 12;
 const UNARY = 20;
 const SHIFT = 6;
 
-/** Bytes from 15 bits a character; a digit before them says how many of the last ones only fill it. */
+/** Bytes from characters of two, of which some are escaped; a digit before them says how many of the last ones only fill it. */
 export function fromText(text: string): Uint8Array<ArrayBuffer> {
-  const bytes = new Uint8Array(Math.max(Math.floor((15 * (text.length - 1)) / 8) - Number(text[0]), 0));
-  for (let i = 0, next = 1, held = 0, bits = 0; i < bytes.length; i++) {
-    if (bits < 8) [held, bits] = [((held << 15) | (text.charCodeAt(next++) - FIRST)) & 0x3fffff, bits + 15];
-    bits -= 8;
-    bytes[i] = held >> bits;
+  const units = new Uint16Array(text.length - 1);
+  let count = 0;
+  for (let i = 1; i < text.length; i++) {
+    const unit = text.charCodeAt(i);
+    units[count++] = unit === ESCAPE ? text.charCodeAt(++i) ^ MOVED : unit;
   }
-  return bytes;
+  return new Uint8Array(units.buffer.slice(0, 2 * count - Number(text[0])));
 }
 
 /** Bytes of a deflated text. */
