@@ -16,7 +16,7 @@ export function walked(steps: Uint8Array, far: Uint8Array, vertices: number, tri
   const closed = new Uint8Array(3 * triangles);
   const first = new Int32Array(vertices); // the edge that starts at a vertex
   const names = far.length / 3;
-  let [met, named, stepped, count, filled] = [0, 0, 0, 0, 0];
+  let [met, named, stepped, three, count, filled] = [0, 0, 0, 0, 0, 0];
   const name = () => met - (far[named] | (far[names + named] << 8) | (far[2 * names + named++] << 16));
   const join = (one: number, other: number) => {
     next[one] = other;
@@ -42,10 +42,13 @@ export function walked(steps: Uint8Array, far: Uint8Array, vertices: number, tri
       filled += 3;
     }
     if (closed[edge]) continue;
-    const step = Math.floor(steps[Math.floor(stepped / 3)] / 5 ** (stepped % 3)) % 5;
+    if (stepped % 3 === 0) three = steps[stepped / 3];
+    const step = three % 5;
+    three = (three / 5) | 0;
     stepped++;
     if (step === NONE) continue;
-    let [before, after] = [previous[edge], next[edge]];
+    let before = previous[edge];
+    let after = next[edge];
     let corner = met;
     if (step === NEW) beside[met++] = end[edge];
     else if (step === FAR) corner = name();
@@ -56,8 +59,9 @@ export function walked(steps: Uint8Array, far: Uint8Array, vertices: number, tri
       if (step === BEFORE) before = previous[gone];
       else after = next[gone];
     }
-    indices.set([end[edge], start[edge], corner], filled);
-    filled += 3;
+    indices[filled++] = end[edge];
+    indices[filled++] = start[edge];
+    indices[filled++] = corner;
     const other = first[corner];
     const to = step === BEFORE ? count : add(start[edge], corner);
     const out = step === AFTER ? to : add(corner, end[edge]);
