@@ -1,6 +1,7 @@
 """The examples run, as a newcomer would run them."""
 
 import os
+import runpy
 import subprocess
 import sys
 from itertools import pairwise
@@ -16,14 +17,19 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(EXAMPLES.parent), "MPLBACKEND": "A
 
 
 @pytest.mark.slow
-def test_script_runs_the_sample_dive(one_water: SampleRun, tmp_path: Path) -> None:
+def test_script_runs_the_sample_dive(
+    one_water: SampleRun,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """Into a finished run, of which it finds all frames done."""
     out = one_water.copy(tmp_path / "out")
-    command = [sys.executable, str(EXAMPLES / "sample_dive.py"), str(out)]
-    shown = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
-    assert shown.returncode == 0, shown.stderr
-    assert "12 pairs done, 0 failed" in shown.stdout
-    assert "mean angular error" in shown.stdout
+    monkeypatch.setattr(sys, "argv", ["sample_dive.py", str(out)])
+    runpy.run_path(str(EXAMPLES / "sample_dive.py"), run_name="__main__")
+    shown = capsys.readouterr().out
+    assert "12 pairs done, 0 failed" in shown
+    assert "mean angular error" in shown
 
 
 @pytest.mark.slow
