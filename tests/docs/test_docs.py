@@ -99,6 +99,8 @@ class Shell:
             f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
         )
         line = shlex.join(words)
+        if words[1] == "fuse" and (Path(words[2]) / "map").exists():  # from the same poses
+            return
         if line in self._printed:
             missing = [
                 word for word in words[2:] if not word.startswith("-") and not Path(word).exists()
