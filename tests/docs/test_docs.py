@@ -146,6 +146,14 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Shell:
     return Shell(tmp_path_factory.mktemp("shell"))
 
 
+@pytest.fixture(scope="module")
+def board(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Images of the chessboard that the examples calibrate with."""
+    folder = tmp_path_factory.mktemp("board")
+    photograph_board(folder, "chessboard:9x6:30mm")
+    return folder
+
+
 @pytest.fixture
 def checkout(shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A short checkout, the working folder."""
@@ -170,12 +178,10 @@ def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shel
     ids=lambda page: page.relative_to(DOCS).as_posix(),
 )
 def test_commands_of_a_page_run(
-    page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
+    page: Path, checkout: Path, board: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # images of the chessboard that the examples calibrate with
     if "board/left" in page.read_text(encoding="utf-8"):
-        (checkout / DIVE / "board").mkdir()
-        photograph_board(checkout / DIVE / "board", "chessboard:9x6:30mm")
+        shutil.copytree(board, checkout / DIVE / "board")
     if AIR in page.read_text(encoding="utf-8"):  # a rig that was calibrated before the dive
         rig = (checkout / DIVE / "cam.yaml").read_text(encoding="utf-8")
         (checkout / DIVE / AIR).write_text(
