@@ -249,7 +249,7 @@ def test_a_water_of_the_other_form_is_no_start():
 
 @pytest.mark.slow
 def test_without_relief_the_water_is_the_one_it_began_from():
-    own = corrector()
+    own = corrector(iterations=100)
     water = own.fit(own.measure(*scene(0, relief=0.0)))
     assert "no relief" in water.warnings[0]
     survey = own.fit(own.measure(*scene(1)))
@@ -261,7 +261,7 @@ def test_without_relief_the_water_is_the_one_it_began_from():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_same_result_whatever_the_number_of_threads(method, monkeypatch):
-    own = Corrector(ColorConfig(method=method))
+    own = Corrector(ColorConfig(method=method, paper=PaperConfig(iterations=50)))
     image, range_m = scene(3, (150, 200))
 
     def result(parts):
