@@ -98,14 +98,6 @@ def test_wrong_matches_weigh_little() -> None:
     )
 
 
-@pytest.mark.slow
-def test_same_sightings_same_water() -> None:
-    observations = sightings_through(water_named("turbid"), reef(300))
-    first, second = (fit_observations(observations, "srgb") for _ in range(2))
-    assert np.array_equal(first.y, second.y)
-    assert np.array_equal(first.gamma_inf, second.gamma_inf)
-
-
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
     with pytest.raises(ColorError, match="only 20 observations"):

@@ -240,14 +240,6 @@ def test_exposure_moves_only_the_level() -> None:
     np.testing.assert_allclose((dark.white / bright.white)[1], 1 / 3, rtol=0.1)
 
 
-def test_same_table_same_water() -> None:
-    rng = np.random.default_rng(7)
-    table = measure(seen_through(GREEN, reef(rng), slope(), rng), slope())
-    first, second = robust.fit(table, CONFIG), robust.fit(table, CONFIG)
-    for name in ("gamma_inf", "beta", "w", "y", "white"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-
-
 @pytest.mark.slow
 def test_a_surveys_sum_is_fitted_like_a_frame() -> None:
     rng = np.random.default_rng(8)

@@ -10,7 +10,6 @@ from stereo_seecolor.cli.text import table
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.baselines import OURS
-from stereo_seecolor.extras.evaluation.charts.chart_finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.chart_types import CLASSIC
 from stereo_seecolor.extras.evaluation.charts.scores import (
@@ -107,13 +106,6 @@ def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np
         y, x = (CORNER[::-1] + GAP + np.array([row, column]) * (CELL + GAP)).astype(int)
         inside = patch[y : y + CELL, x : x + CELL].sum()
         assert inside > 0.9 * patch.sum() > 100, "within the patch that was drawn"
-
-
-@pytest.mark.slow
-def test_no_chart_is_no_target() -> None:
-    empty = eight_bit(np.random.default_rng(0).uniform(0.2, 0.6, (*SIZE, 3)))
-    assert find_charts(empty) == ()
-    assert targets_of([], empty, flat_range()) == ()
 
 
 def test_neutral_pixels_are_bright_unclipped_and_ranged() -> None:
