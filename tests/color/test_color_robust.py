@@ -313,13 +313,6 @@ def test_any_image_gives_a_finite_water(
     assert (np.diff(found.attenuation(z), axis=0) <= 0).all()
 
 
-def test_light_never_grows_with_range() -> None:
-    rng = np.random.default_rng(12)
-    for water in (BLUE, GREEN):
-        found = robust.fit(measure(seen_through(water, reef(rng), slope(), rng), slope()), CONFIG)
-        assert (np.diff(found.attenuation(np.linspace(0, 30, 200)), axis=0) < 0).all()
-
-
 def test_known_depth_narrows_the_white_point() -> None:
     _, anywhere = water_prior()
     at_surface, there = water_prior(0.0)

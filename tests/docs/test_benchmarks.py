@@ -101,21 +101,17 @@ class Script:
 
 
 def misfit(call: ast.Call, called: Any) -> str:
-    """What is wrong with the arguments of a call; "" where they fit, or nobody knows."""
+    """What is wrong with the arguments of a call; "" where they fit."""
+    given = [one for one in call.args if not isinstance(one, ast.Starred)]
+    names = {one.arg: None for one in call.keywords if one.arg}
+    whole = len(given) == len(call.args) and len(names) == len(call.keywords)
     try:
         signature = inspect.signature(called)
-    except ValueError:
-        return ""
-    starred = any(isinstance(one, ast.Starred) for one in call.args)
-    starred |= any(one.arg is None for one in call.keywords)
-    bind = signature.bind_partial if starred else signature.bind
-    try:
-        bind(
-            *(None for one in call.args if not isinstance(one, ast.Starred)),
-            **{one.arg: None for one in call.keywords if one.arg},
-        )
+        (signature.bind if whole else signature.bind_partial)(*given, **names)
     except TypeError as error:
         return f"{call.lineno}: {ast.unparse(call.func)}: {error}"
+    except ValueError:  # of a builtin
+        pass
     return ""
 
 
