@@ -106,7 +106,7 @@ def fit_motions(couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: in
     prior = (SETTINGS.noise_px / deviations) ** 2
     for number in range(SETTINGS.rounds):
         normals = [
-            _normal(couple, np.append(pose, shared), geometry)
+            _normal(couple, np.concatenate((pose, shared)), geometry)
             for couple, pose in zip(couples, poses, strict=True)
         ]
         H = np.diag(prior) + sum(normal.H for normal in normals)
@@ -146,14 +146,17 @@ class _Normal:
 
 def _normal(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> _Normal:
     rest, slope = _residuals(couple, values, geometry)
-    weights = 1 / np.sqrt(1 + (rest**2).sum(axis=1) / SETTINGS.noise_px**2)
+    squared = (rest**2).sum(axis=1)
+    weights = 1 / np.sqrt(1 + squared / SETTINGS.noise_px**2)
     A, r = slope.reshape(-1, len(values)), rest.ravel()
     weighted = A * np.repeat(weights, 3)[:, None]
     H, g = A.T @ weighted, -weighted.T @ r
-    H_pose = H[:POSE, :POSE] + 1e-9 * np.diag(np.diag(H)[:POSE])
-    solved = np.linalg.solve(H_pose, np.column_stack([g[:POSE], H[:POSE, POSE:]]))
+    H_pose, wanted = H[:POSE, :POSE].copy(), H[:POSE, POSE - 1 :].copy()
+    H_pose[range(POSE), range(POSE)] += 1e-9 * H.diagonal()[:POSE]
+    wanted[:, 0] = g[:POSE]
+    solved = np.linalg.solve(H_pose, wanted)
     to_pose, by_shared = solved[:, 0], solved[:, 1:]
-    square = float((weights * (rest**2).sum(axis=1)).sum() / max(3 * len(rest) - POSE, 1))
+    square = float((weights * squared).sum() / max(3 * len(rest) - POSE, 1))
     return _Normal(
         H[POSE:, POSE:] - H[POSE:, :POSE] @ by_shared,
         g[POSE:] - H[POSE:, :POSE] @ to_pose,
@@ -173,9 +176,12 @@ def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> tup
     later = shared[[OFFSET, COLUMNS, ROWS]] + [shared[LATER], 0, shared[LATER_ROWS]]
     second = corrected_points(couple.second, later, geometry) / scale
     R, by_turn = cv2.Rodrigues(turn)
-    slopes = np.column_stack([first[:, :2], np.ones(len(first))])
+    slopes = first.copy()
+    slopes[:, 2] = 1
     rays = slopes @ R.T + first[:, 2:] * shift
-    moved = np.column_stack([rays[:, :2], first[:, 2]]) / rays[:, 2:]
+    moved = rays.copy()
+    moved[:, 2] = first[:, 2]
+    moved /= rays[:, 2:]
 
     half = np.array(geometry.image_size) / 2
     over = np.zeros((2, len(SETTINGS.free), len(first)))  # of disparities, at both moments
@@ -184,7 +190,7 @@ def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> tup
         over[at, ROWS], over[at, COLUMNS] = points[:, 1] / half[1], points[:, 0] / half[0]
     over[1, [LATER, LATER_ROWS]] = over[1, [OFFSET, ROWS]]
     of_rays = np.zeros((len(first), 3, len(values)))
-    of_rays[:, :, :3] = np.moveaxis(slopes @ by_turn.reshape(3, 3, 3).transpose(0, 2, 1), 0, 2)
+    of_rays[:, :, :3] = (slopes @ by_turn.reshape(3, 3, 3).transpose(0, 2, 1)).transpose(1, 2, 0)
     of_rays[:, :, 3:POSE] = first[:, 2, None, None] * np.eye(3)
     of_rays[:, :, POSE:] = over[0].T[:, None] * (shift / scale)[:, None]
     of_rays[:, :, POSE + FOCAL] = -slopes[:, :2] @ R[:, :2].T - first[:, 2:] * shift
@@ -204,5 +210,7 @@ def corrected_points(points: Array, wrong_px: Array, geometry: RectifiedPair) ->
     rows.
     """
     half = np.array(geometry.image_size) / 2
-    disparity = points[:, 2] + wrong_px[0] + points[:, :2] / half @ wrong_px[1:]
-    return np.column_stack([points[:, :2], disparity])
+    corrected = points.copy()
+    corrected[:, 2] += wrong_px[0]
+    corrected[:, 2] += points[:, :2] / half @ wrong_px[1:]
+    return corrected

@@ -10,21 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import command
+from conftest import command, write_dive
 
 pytestmark = [pytest.mark.slow, pytest.mark.posix]
-SAMPLE = Path(__file__).resolve().parents[2] / "data_samples/reef"
-SIDES = [
-    "--left",
-    str(SAMPLE / "left"),
-    "--right",
-    str(SAMPLE / "right"),
-    "--calib",
-    str(SAMPLE / "cam.yaml"),
-]
-X = "{X}"
+X, DIVE = "{X}", "{DIVE}"
+SIDES = ["--left", f"{DIVE}/L", "--right", f"{DIVE}/R", "--calib", f"{DIVE}/cam.yaml"]
 COMMANDS = (
-    ["run", "--left", X, "--right", X, "--calib", str(SAMPLE / "cam.yaml"), "--out", "o"],
+    ["run", "--left", X, "--right", X, "--calib", f"{DIVE}/cam.yaml", "--out", "o"],
     ["run", *SIDES[:4], "--calib", X, "--out", "o"],
     ["run", *SIDES, "--out", X],
     ["run", *SIDES, "--out", "o", "--config", X],
@@ -36,7 +28,7 @@ COMMANDS = (
     ["check", *SIDES[:4], "--calib", X],
     ["inspect", X],
     ["convert-calib", X, "o.yaml"],
-    ["convert-calib", str(SAMPLE / "cam.yaml"), X],
+    ["convert-calib", f"{DIVE}/cam.yaml", X],
     ["calibrate", X, "--target", "chessboard:9x6:30mm", "--out", "c.yaml"],
     ["fuse", X],
     ["report", X],
@@ -89,8 +81,13 @@ def locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder / "inside"
 
 
-def refused(words: list[str], place: str) -> None:
-    code, said = command(*(place if word == X else word for word in words))
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_dive(tmp_path_factory.mktemp("places") / "dive", 2).root
+
+
+def refused(words: list[str], place: str, dive: Path) -> None:
+    code, said = command(*(place if word == X else word.replace(DIVE, str(dive)) for word in words))
     assert code in (1, 2, 3), said
     assert "Traceback" not in said
     assert said.splitlines()[-1].startswith("stereo-seecolor: ") or code == 3, said
@@ -100,10 +97,10 @@ def refused(words: list[str], place: str) -> None:
     "words", COMMANDS, ids=[f"{i}-{words[0]}" for i, words in enumerate(COMMANDS)]
 )
 def test_a_folder_that_may_not_be_searched_is_one_line(
-    locked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+    locked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], dive: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    refused(words, str(locked))
+    refused(words, str(locked), dive)
 
 
 @pytest.mark.parametrize("place", ["x" * 300, "", "/dev/full"])
@@ -111,9 +108,9 @@ def test_a_folder_that_may_not_be_searched_is_one_line(
     "words", COMMANDS, ids=[f"{i}-{words[0]}" for i, words in enumerate(COMMANDS)]
 )
 def test_a_place_that_cannot_be_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], place: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], place: str, dive: Path
 ) -> None:
     if (words[-2], place) in (("--log-file", "/dev/full"), ("--out", "")):
         pytest.skip("a device may hold a log, and the working folder results")
     monkeypatch.chdir(tmp_path)
-    refused(words, place)
+    refused(words, place, dive)

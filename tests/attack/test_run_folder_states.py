@@ -190,12 +190,12 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)  # 120 commands
+@pytest.mark.timeout(900)  # 90 commands
 def test_no_sequence_of_events_loses_or_confuses_anything(make_dive: Callable[..., Dive]) -> None:
     run_state_machine_as_test(
         machine(make_dive(3)),
         settings=settings(
-            max_examples=12,
+            max_examples=9,
             stateful_step_count=10,
             derandomize=True,
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -243,7 +243,7 @@ def photographed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tilt", [(0.3, -0.2, 0.1), (-0.4, 0.3, 2.0), (0.1, 0.5, -3.0)])
+@pytest.mark.parametrize("tilt", [(-0.4, 0.3, 2.0), (0.1, 0.5, -3.0)])
 def test_grids_of_apriltags_are_found_at_any_turn(tilt, tmp_path: Path) -> None:
     board = parse_target(GRID)
     assert isinstance(board, AprilGrid)

@@ -121,7 +121,5 @@ def test_refining_finds_how_a_wide_rig_has_moved(turned) -> None:
 def test_other_scenes_have_no_points_in_common(turned) -> None:
     """A check of such pairs finds too few points: it names no fault of the calibration."""
     pairs = [(turned[i][0], turned[i - 1][1]) for i in range(3)]
-    rectification = Rectification.from_rig(wide_rig())
-    assert sum(len(find_matches(rectification, *pair).left) for pair in pairs) < 20
     with pytest.raises(CalibrationError, match=r"points were found in both images"):
         vertical_disparity(wide_rig(), pairs)

@@ -105,7 +105,7 @@ def test_dive_commands_and_check_name_what_changes_and_end_with_3(
 def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
     small = (cv2.resize(view, None, fx=0.5, fy=0.5) for view in foreign())
     other = dict(zip(("left", "right"), small, strict=True))
-    left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image)
+    left, right = altered(tmp_path, lambda i, side, image: other[side] if i == 6 else image, 8)
     words = [f"--left={left}", f"--right={right}", f"--calib={left.parent / 'cam.yaml'}"]
     code, _, said = cli("range", *words, "--out", tmp_path / "out")
     assert code == 3

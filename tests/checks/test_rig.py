@@ -67,21 +67,11 @@ def test_a_run_refuses_rectified_images_with_the_raw_calibration(cli, tmp_path: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("quality", [None, 80])
-def test_one_cameras_pictures_on_both_sides_are_refused(
-    quality: int | None, cli, tmp_path: Path
-) -> None:
+def test_one_cameras_pictures_on_both_sides_are_refused(cli, tmp_path: Path) -> None:
     write_short_reef(tmp_path, range(3))
     for image in (tmp_path / "left").iterdir():
-        pixels = cv2.imread(str(image))
-        again = (
-            pixels
-            if quality is None
-            else cv2.imdecode(
-                cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 1
-            )
-        )
-        cv2.imwrite(str(tmp_path / "right" / image.name), again)
+        encoded = cv2.imencode(".jpg", cv2.imread(str(image)), [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
+        cv2.imwrite(str(tmp_path / "right" / image.name), cv2.imdecode(encoded, 1))
     words = [f"--{side}={tmp_path / side}" for side in ("left", "right")] + [
         "--calib",
         str(tmp_path / "cam.yaml"),

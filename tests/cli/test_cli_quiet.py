@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from stereo_seecolor.cli import main
 from stereo_seecolor.cli.quiet import quiet_libraries
 
 
@@ -31,7 +32,11 @@ def with_bad_profile(image: np.ndarray) -> bytes:
 @pytest.mark.slow
 @pytest.mark.parametrize("verbose", [False, True])
 def test_libpngs_warnings_are_shown_only_if_asked_for(
-    make_dive, tmp_path: Path, verbose: bool
+    make_dive,
+    tmp_path: Path,
+    verbose: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     dive = make_dive(2)
     for side in "LR":
@@ -39,15 +44,13 @@ def test_libpngs_warnings_are_shown_only_if_asked_for(
         path.write_bytes(with_bad_profile(cv2.imread(str(path))))
     (dive.root / "L" / "0001.png").write_bytes(b"damaged")
     words = dive.command(tmp_path / "out", *(["--verbose"] if verbose else []))
-    done = subprocess.run(
-        [sys.executable, "-m", "stereo_seecolor", *words],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 3
-    assert ("libpng warning" in done.stderr) == verbose
-    assert "1 pair done, 1 failed" in done.stdout
+    monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    done = capfd.readouterr()
+    assert end.value.code == 3
+    assert ("libpng warning" in done.err) == verbose
+    assert "1 pair done, 1 failed" in done.out
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from stereo_seecolor.color.photometry.exposure import Brightness, shorten_exposu
 from stereo_seecolor.color.render import water_gains
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, PaperConfig
 from stereo_seecolor.errors import ColorError
 
 
@@ -45,7 +45,8 @@ def same(a, b):
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_survey_lock_is_the_fit_to_all_pixels_together(method):
     frames = [reef(seed) for seed in range(4)]
-    corrector, waters = waters_of(frames, lock="survey", method=method)
+    few = PaperConfig(iterations=100)
+    corrector, waters = waters_of(frames, lock="survey", method=method, paper=few)
     together = corrector.fit(
         measure(np.vstack([f[0] for f in frames]), np.vstack([f[1] for f in frames]))
     )

@@ -5,7 +5,7 @@ that gives the pattern.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +155,13 @@ def test_gains_that_were_chosen_with_the_pattern_are_used() -> None:
     )
 
 
+@cache
+def half_light(name: str) -> NDArray[np.float64]:
+    """Linear light of a left image of the sample dive, rectified, at half its size."""
+    image = RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png"))
+    return np.asarray(decode_srgb(image / 255.0)[::2, ::2])
+
+
 @dataclass(frozen=True)
 class DrawnDive:
     """The sample dive at half its size, its frames darkened by (12,) log_gains."""
@@ -166,13 +173,7 @@ class DrawnDive:
         return sorted(path.stem for path in (REEF / "left").iterdir())
 
     def read(self, name: str) -> tuple[Image, Map]:
-        factor = np.exp(self.log_gains[self.names.index(name)])
-        light = (
-            decode_srgb(
-                RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0
-            )[::2, ::2]
-            * factor
-        )
+        light = half_light(name) * np.exp(self.log_gains[self.names.index(name)])
         range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")[::2, ::2]
         return np.round(255 * encode_srgb(light)).astype(np.uint8), np.ascontiguousarray(range_m)
 
@@ -344,24 +345,16 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(
     frames are looked at first.
     """
     monkeypatch.setattr(light_search, "SAMPLE", SampleSettings(most_frames=10))
-    names = sorted(path.stem for path in (REEF / "left").iterdir())
-    gains = dict(zip(names, np.random.default_rng(3).uniform(-0.4, 0.0, len(names)), strict=True))
-
-    def read(name: str) -> tuple[Image, Map]:
-        light = decode_srgb(
-            RECTIFICATION.apply_left(read_image(REEF / "left" / f"{name}.png")) / 255.0
-        ) * np.exp(gains[name])
-        image = np.round(255 * encode_srgb(light)).astype(np.uint8)
-        return image, read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
-
+    true = np.random.default_rng(3).uniform(-0.4, 0.0, 12)
+    dive = DrawnDive(true)
+    names = dive.names
     frames = [(name, name) for name in names]
     found = LightSearch(
-        frames, read, [Capture()] * len(frames), RECTIFICATION.pair, "srgb", Threads(2)
+        frames, dive.read, [Capture()] * len(frames), HALF, "srgb", Threads(2)
     ).solve(ALL)
     assert found.light is not None
     assert found.light.light is not None
     assert "different exposure of frames" in found.light.note
-    true = np.array([gains[name] for name in names])
     measured = np.array([found.light.light.gains[name].mean() for name in names])
     assert np.abs(measured - (true - true.mean())).max() < 0.08
     assert tuple(found.linked) == tuple(names[1:])

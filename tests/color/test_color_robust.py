@@ -240,14 +240,6 @@ def test_exposure_moves_only_the_level() -> None:
     np.testing.assert_allclose((dark.white / bright.white)[1], 1 / 3, rtol=0.1)
 
 
-def test_same_table_same_water() -> None:
-    rng = np.random.default_rng(7)
-    table = measure(seen_through(GREEN, reef(rng), slope(), rng), slope())
-    first, second = robust.fit(table, CONFIG), robust.fit(table, CONFIG)
-    for name in ("gamma_inf", "beta", "w", "y", "white"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-
-
 @pytest.mark.slow
 def test_a_surveys_sum_is_fitted_like_a_frame() -> None:
     rng = np.random.default_rng(8)
@@ -319,13 +311,6 @@ def test_any_image_gives_a_finite_water(
         assert np.isfinite(value).all()
     assert (found.attenuation(z) > 0).all()
     assert (np.diff(found.attenuation(z), axis=0) <= 0).all()
-
-
-def test_light_never_grows_with_range() -> None:
-    rng = np.random.default_rng(12)
-    for water in (BLUE, GREEN):
-        found = robust.fit(measure(seen_through(water, reef(rng), slope(), rng), slope()), CONFIG)
-        assert (np.diff(found.attenuation(np.linspace(0, 30, 200)), axis=0) < 0).all()
 
 
 def test_known_depth_narrows_the_white_point() -> None:

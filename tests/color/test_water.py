@@ -13,7 +13,7 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
+from stereo_seecolor.extras.evaluation.truth import ResultFiles, evaluate_truth
 from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
 from stereo_seecolor.records import Water
 
@@ -36,7 +36,18 @@ def test_sample_dive_measures_its_own_water(one_water: SampleRun, tmp_path: Path
         rtol=0.1,
     )
     run(*SIDES, one_water.copy(tmp_path / "second"), config, RunOptions(water=path))
-    first, second = (evaluate(tmp_path / name, SAMPLES / "truth") for name in ("first", "second"))
+    first, second = (
+        evaluate_truth(
+            {
+                each.stem: ResultFiles(
+                    each, tmp_path / name / "corrected" / f"{each.stem}.png", None
+                )
+                for each in sorted((tmp_path / name / "range").iterdir())[::4]
+            },
+            SAMPLES / "truth",
+        )
+        for name in ("first", "second")
+    )
     assert second.color.angle_deg < first.color.angle_deg + 0.3
     assert second.color.angle_after_gains_deg < first.color.angle_after_gains_deg + 0.1
 

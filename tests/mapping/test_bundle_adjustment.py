@@ -4,7 +4,7 @@ residuals teach of the ranges.
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 from mapping_scene import ReefFrames
 from numpy.typing import NDArray
 
+from calibration.geometry import RectifiedPair
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -19,6 +20,7 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import bundle_problem, odometry, placement_refinement
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.placement_refinement import RefinementSettings, refined
 from stereo_seecolor.mapping.track.pose_graph import Prior, solve
@@ -28,6 +30,14 @@ from stereo_seecolor.mapping.track.shared_points import Relation, TrackObservati
 Array = NDArray[np.float64]
 MOST = 1_000_000
 STATED = np.array([4e-4, 4e-4, 4e-3])
+GEOMETRY = RectifiedPair(
+    focal_px=400.0,
+    cx_left_px=240.0,
+    cx_right_px=240.0,
+    cy_px=200.0,
+    baseline_m=0.12,
+    image_size=(480, 400),
+)
 
 
 @dataclass(frozen=True)
@@ -106,14 +116,14 @@ def adjusted(scene: Line) -> tuple[Adjusted, Array]:
     """By bundle adjustment, and by the pose graph that it starts from."""
     relations = scene.relations
     start = by_pose_graph(scene, relations)
-    return adjust(start, observations(scene.features, relations, MOST)), start
+    return adjust(start, observations(scene.features, relations, MOST), GEOMETRY), start
 
 
 def test_exact_sightings_give_exact_poses() -> None:
     scene = line(np.zeros(3), frames=5)
     start = scene.T.copy()
     start[1:, :3, 3] += np.random.default_rng(0).normal(0, 0.02, (4, 3))
-    found = adjust(start, observations(scene.features, scene.relations, MOST))
+    found = adjust(start, observations(scene.features, scene.relations, MOST), GEOMETRY)
     assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
 
 
@@ -126,7 +136,9 @@ def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(
     for cores in (1, 3):
         with ThreadPoolExecutor(cores) as pool:
             monkeypatch.setattr(bundle_problem, "core_pool", lambda pool=pool: pool)
-            found.append(adjust(start, observations(scene.features, scene.relations, MOST)))
+            found.append(
+                adjust(start, observations(scene.features, scene.relations, MOST), GEOMETRY)
+            )
     assert np.array_equal(found[0].T_world_camera, found[1].T_world_camera)
     assert np.array_equal(found[0].std, found[1].std)
 
@@ -145,12 +157,34 @@ def test_a_track_is_truer_than_by_the_pose_graph_and_as_far_off_as_it_says() -> 
     assert bundle == pytest.approx(stated, rel=0.5)
 
 
+@pytest.mark.slow
+def test_errors_of_the_disparity_that_all_frames_share_are_in_the_standard_errors() -> None:
+    """Ranges almost exact, but ramps and bends of the disparity, drawn for each track."""
+    ends = []
+    for seed in range(8):
+        scene, rng = line(STATED * [1, 1, 0.02], seed=seed), np.random.default_rng(seed)
+        sizes = rng.standard_normal(5)
+        shared = [
+            replace(
+                own,
+                points=own.points
+                + np.tensordot(sizes, disparity_errors(own.points, GEOMETRY), axes=1),
+                std=own.std * [1, 1, 0.02],
+            )
+            for own in scene.features
+        ]
+        found, _ = adjusted(replace(scene, features=shared))
+        ends.append((off_m(found.T_world_camera, scene)[-1], found.std[-1, 0]))
+    off, stated = np.sqrt((np.array(ends) ** 2).mean(axis=0))
+    assert off == pytest.approx(stated, rel=0.5)
+
+
 def test_without_sightings_nothing_moves() -> None:
     nothing = TrackObservations(
         np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3)))
     )
     T = line(STATED, frames=3).T
-    found = adjust(T, nothing)
+    found = adjust(T, nothing, GEOMETRY)
     assert found.T_world_camera == pytest.approx(T)
     assert np.isnan(found.std).all()
 
@@ -168,7 +202,7 @@ def test_poor_navigation_is_averaged_out_and_places_the_track() -> None:
         noisy[:3, 3] += rng.normal(0, 0.05, 3)
         priors.append(Prior(i, noisy, np.full(3, 0.05), 0.01))
     given = np.array([prior.T_world_camera for prior in priors])
-    found = adjust(given, observations(scene.features, scene.relations, MOST), priors)
+    found = adjust(given, observations(scene.features, scene.relations, MOST), GEOMETRY, priors)
     steps, true_steps = (np.diff(T[:, :3, 3], axis=0) for T in (found.T_world_camera, scene.T))
     assert np.abs(steps - true_steps).max() < 0.005
     assert off_m(found.T_world_camera, scene).max() < 0.06
@@ -216,7 +250,7 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
         start = by_pose_graph(scene, relations)
         edges = [Edge(i, j, r.T_a_b, r.covariance, len(r.index_a)) for (i, j), r in relations]
         index = SimpleNamespace(rank=np.arange(16), order=np.arange(16))
-        survey = SimpleNamespace(index=index, progress=lambda *_: None)
+        survey = SimpleNamespace(index=index, geometry=GEOMETRY, progress=lambda *_: None)
         track = odometry.Track(survey, scene.features, edges, found=dict(relations))  # type: ignore[arg-type]
         placement, found = Placement(start, np.zeros(16, np.int64)), []
         for settings in (

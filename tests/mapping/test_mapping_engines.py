@@ -82,16 +82,11 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(
 
 
 @pytest.mark.slow
-def test_tiles_of_open3d_join_without_seams_and_come_out_the_same_again(
-    mapped: Callable[[MappingConfig], Path], reef: ReefFrames, tmp_path: Path
-) -> None:
+def test_tiles_of_open3d_join_without_seams(mapped: Callable[[MappingConfig], Path]) -> None:
     one, many = mapped(OPEN3D.model_copy(update={"tile_m": 100.0})), mapped(OPEN3D)
     whole, tiled = (read_cloud(folder / "cloud.ply")["position"] for folder in (one, many))
     np.testing.assert_array_equal(np.unique(whole, axis=0), np.unique(tiled, axis=0))
     assert len(read_triangles(one / "mesh.ply")) == len(read_triangles(many / "mesh.ply"))
-    again = map_of(reef, tmp_path, OPEN3D)
-    for name in ("cloud.ply", "mesh.ply", "dem.tif", "orthomosaic.tif"):
-        assert (many / name).read_bytes() == (again / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -191,7 +186,7 @@ def test_a_map_by_open3d_that_was_stopped_goes_on_where_it_was(tmp_path: Path) -
     )
     build_map(frames, PAIR, tmp_path / "stopped", OPEN3D, track(6), workspace)
     assert fused[0] == 3
-    for name in ("cloud.ply", "mesh.ply"):
+    for name in ("cloud.ply", "mesh.ply", "dem.tif", "orthomosaic.tif"):
         assert (tmp_path / "stopped" / name).read_bytes() == (
             tmp_path / "straight" / name
         ).read_bytes()

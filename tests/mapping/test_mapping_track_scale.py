@@ -30,8 +30,7 @@ PAIR = RectifiedPair(400.0, 160.0, 160.0, 128.0, 0.1, (320, 256))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("contrast", [0.5, 0.7])
-def test_lamps_with_a_pattern_do_not_drag_the_track_along(contrast: float) -> None:
+def test_lamps_with_a_pattern_do_not_drag_the_track_along() -> None:
     """Equalized in tiles that stay with the camera, a third of the points agreed, and the track was
     0.3 to 0.8 % off.
     """
@@ -39,7 +38,7 @@ def test_lamps_with_a_pattern_do_not_drag_the_track_along(contrast: float) -> No
         pairs=7, lines=1, seed=3, image_size=(320, 256), altitude_m=(2.4, 2.4), pair_spacing_m=0.3
     )
     reef = ReefFrames(spec, noise_px=0.1)
-    edges = followed([lit_by_lamps(frame, reef.pair, contrast) for frame in exact(reef)], reef.pair)
+    edges = followed([lit_by_lamps(frame, reef.pair, 0.7) for frame in exact(reef)], reef.pair)
     assert [scale(edges, reef.trajectory, gap) for gap in (1, 2, 3)] == pytest.approx(
         [1, 1, 1], abs=0.003
     )

@@ -2,7 +2,7 @@
 by each pixel's ray.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import cv2
@@ -178,7 +178,9 @@ def photograph_board(folder: Path, target: str) -> StereoRig:
     return StereoRig(camera, camera, T)
 
 
+@lru_cache(maxsize=4)
 def _pixel_rays(camera: Camera) -> np.ndarray:
+    """(n, 3), to be read only: boards are photographed by the same camera again and again."""
     width, height = camera.image_size
     x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
     return camera.rays(np.column_stack([x.ravel(), y.ravel()]))

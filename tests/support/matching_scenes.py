@@ -2,7 +2,9 @@
 through water.
 """
 
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -44,13 +46,13 @@ def render(
     """A bottom at altitude_m with boulders up to relief_m; haze_per_m: attenuation of the water,
     noise: gray levels (sigma).
     """
-    rng = np.random.default_rng(seed)
-    width, height = image_size
+    unit_heights, albedo, rng = _ground(seed)
+    rng, width, height = deepcopy(rng), *image_size
     focal_px = focal_px or 0.95 * width
     pair = RectifiedPair(
         focal_px, width / 2 - 0.5, width / 2 - 0.5 - doffs_px, height / 2 - 0.5, 0.12, image_size
     )
-    heights, albedo = _terrain(rng, relief_m), _texture(rng)
+    heights = (relief_m * unit_heights).astype(np.float32)
     left_m = _cast(
         heights, altitude_m, tilt, focal_px, pair.cx_left_px, pair.cy_px, 0.0, width, height
     )
@@ -81,16 +83,22 @@ def render(
     )
 
 
-def _terrain(rng: np.random.Generator, relief_m: float) -> Map:
+@cache
+def _ground(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float32], np.random.Generator]:
+    """Heights for a relief of 1 m, albedo, and the numbers that follow; to be read only."""
+    rng = np.random.default_rng(seed)
     heights = sum(_noise(rng, sigma) * share for sigma, share in ((60, 0.5), (20, 0.15), (6, 0.04)))
-    y, x = np.mgrid[:FIELD, :FIELD].astype(np.float32)
     for _ in range(150):
         cx, cy, radius = rng.uniform(0, FIELD), rng.uniform(0, FIELD), rng.uniform(5, 25)
-        bump = 1 - ((x - cx) ** 2 + (y - cy) ** 2) / radius**2
-        heights = np.maximum(
-            heights, np.where(bump > 0, np.sqrt(np.maximum(bump, 0)) * radius / 25, -9)
+        rows, columns = (
+            slice(max(int(at - radius), 0), min(int(at + radius) + 2, FIELD)) for at in (cy, cx)
         )
-    return (relief_m * heights).astype(np.float32)
+        part = heights[rows, columns]
+        y, x = (axis.astype(np.float32) for axis in np.mgrid[rows, columns])
+        bump = 1 - ((x - cx) ** 2 + (y - cy) ** 2) / radius**2
+        boulder = np.where(bump > 0, np.sqrt(np.maximum(bump, 0)) * radius / 25, -9)
+        heights[rows, columns] = np.maximum(part, boulder)
+    return heights, _texture(rng), rng
 
 
 def _noise(rng: np.random.Generator, sigma: float) -> Map:

@@ -85,6 +85,7 @@ class Noise:
 
 
 NOISE = Noise()
+CONTENT = torch.tensor(NOISE.content, dtype=torch.float64)
 
 
 class FitProblem(NamedTuple):
@@ -113,6 +114,8 @@ class Normal(NamedTuple):
 
     def where(self, better: Tensor, other: "Normal") -> "Normal":
         """Return the frames of this where ``better`` (N,) is True, those of ``other`` elsewhere."""
+        if better.all():
+            return self
         chosen = (
             torch.where(better.view(-1, *(1,) * (a.dim() - 1)), a, b)
             for a, b in zip(self, other, strict=True)
@@ -162,17 +165,18 @@ class Batch:
         direct = (log_transmitted[..., None] + brightness + reflectance).clamp(max=BRIGHTEST).exp()
         u = 1 / (direct + veil[..., None] + NOISE.floor)
         q, r = direct * u, -u.log() - self.log_light
-        content = torch.tensor(NOISE.content, dtype=x.dtype)
-        variance = (content * q) ** 2 + NOISE.all**2
-        misfit = (r**2 / variance).mean((1, 3)).clamp(min=odd)
-        trust = self.trust * ((odd / misfit) ** 2)[:, None] if odd < torch.inf else self.trust
+        variance = (CONTENT * q) ** 2 + NOISE.all**2
+        trust = self.trust
+        if odd < torch.inf:
+            misfit = (r**2 / variance).mean((1, 3)).clamp(min=odd)
+            trust = trust * ((odd / misfit) ** 2)[:, None]
         w = trust[..., None] / (variance + (r / NOISE.outlier) ** 2)
         w = w.masked_fill(self.clipped & (r > 0), 0)
         over = ((veil + NOISE.floor).log() - self.log_light[..., 0]).clamp(min=0) * ~self.clipped[
             ..., 0
         ]
         w_over = trust / NOISE.darker**2
-        excess, by_rates = _excess(x)
+        rates, excess = _excess(x)
         away = x - self.mean
         pull = (self.precision @ away[..., None])[..., 0]
         rest = 0.5 * ((w_over * over**2).sum((1, 2)) + (excess**2).sum(1) + (away * pull).sum(1))
@@ -209,8 +213,10 @@ class Batch:
             [wqq.sum(2).reshape(number, -1), qq.sum(1)], 1
         )
         slope[:, WATER:] += torch.cat([(wq * r).sum(2).reshape(number, -1), qr.sum(1)], 1)
-        matrix[:, :6, :6] += by_rates.mT @ by_rates
-        slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
+        if (excess > 0).any():
+            by_rates = _slopes(rates, excess)
+            matrix[:, :6, :6] += by_rates.mT @ by_rates
+            slope[:, :6] += (by_rates.mT @ excess[..., None])[..., 0]
         return Normal(cost, before, w, matrix, slope)
 
     def _water(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -262,7 +268,8 @@ def _descend(batch: Batch, x: Tensor, odd: float, enough: float) -> Normal:
     going, at = torch.arange(len(x)), x.clone()
     damping = x.new_full((len(x),), STEPS.first_damping)
     for step in range(STEPS.most):
-        damped = now.matrix + (damping[:, None] * now.matrix.diagonal(dim1=1, dim2=2)).diag_embed()
+        damped = now.matrix.clone()
+        damped.diagonal(dim1=1, dim2=2).add_(damping[:, None] * now.matrix.diagonal(dim1=1, dim2=2))
         move = _solved(damped, now.slope).clamp(-STEPS.largest_move, STEPS.largest_move)
         moved = _monotonic(at - move)
         trial = batch.normal(moved, odd, now)
@@ -297,20 +304,29 @@ def _monotonic(x: Tensor) -> Tensor:
 def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
     """Solutions of (N, n, n) systems; the steepest descent where rounding made one singular."""
     factor, failed = torch.linalg.cholesky_ex(matrix)
+    solved = torch.cholesky_solve(vector[..., None], factor)[..., 0]
+    if not failed.any():
+        return solved
     steepest = vector / matrix.diagonal(dim1=1, dim2=2)
-    return torch.where(
-        failed[:, None] > 0, steepest, torch.cholesky_solve(vector[..., None], factor)[..., 0]
-    )
+    return torch.where(failed[:, None] > 0, steepest, solved)
 
 
 def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
-    """(N, 2) excess of green's attenuation over blue's, far and near, and its slopes (N, 2, 6)."""
+    """Attenuation far and near (N, 2, 3), and green's excess over blue's (N, 2), in standard
+    deviations.
+    """
     rates = torch.stack([x[:, :3], x[:, :3] + x[:, 3:6]], 1).exp() / NOISE.rate
-    excess = (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(min=0)
-    slopes = x.new_zeros(len(x), 2, 6)
+    return rates, (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(
+        min=0
+    )
+
+
+def _slopes(rates: Tensor, excess: Tensor) -> Tensor:
+    """Derivatives of ``_excess`` by the first six logarithms: (N, 2, 6)."""
+    slopes = rates.new_zeros(len(rates), 2, 6)
     slopes[:, :, 1], slopes[:, :, 2] = rates[:, :, 1], -rates[:, :, 2]
     slopes[:, 1, 4:6] = slopes[:, 1, 1:3]
-    return excess, slopes * (excess > 0)[..., None]
+    return slopes * (excess > 0)[..., None]
 
 
 def _padded(problem: FitProblem, groups: int) -> tuple[NDArray[np.generic], ...]:

@@ -80,10 +80,13 @@ def outline(
     return half @ turn.T + center
 
 
+SMALL, TURNED = (36, 5, 0.9, 3), (110, -97, 0.8, 4)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("type", CHART_TYPES, ids=lambda type: type.name)
 @pytest.mark.parametrize(
-    ("width", "angle_deg", "squeeze", "meters"), [(36, 5, 0.9, 3), (110, -97, 0.8, 4)]
+    ("type", "width", "angle_deg", "squeeze", "meters"),
+    [(type, *SMALL) for type in CHART_TYPES] + [(CLASSIC, *TURNED)],
 )
 def test_a_chart_is_found_where_it_is(
     type: ChartType, width: float, angle_deg: float, squeeze: float, meters: float
@@ -127,7 +130,6 @@ def middles(type: ChartType, corners: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("type", "center", "width", "angle_deg"),
     [
-        (CLASSIC, (305, 120), 110, 8),
         (CLASSIC, (160, 0), 130, 185),
         (CLASSIC, (20, 20), 190, 40),
         (DKK, (20, 120), 150, 8),

@@ -53,28 +53,10 @@ class Killer:
 
 
 @pytest.mark.slow
-def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(
-    make_dive, tmp_path: Path, monkeypatch
-) -> None:
+def test_workers_of_a_long_dive_are_killed(make_dive, tmp_path: Path, monkeypatch) -> None:
+    """A long dive is added up in the same order wherever it is counted."""
     monkeypatch.setattr("stereo_seecolor.dive.passes.LONG_DIVE", 2)
     monkeypatch.setattr("stereo_seecolor.dive.pair_sequences.GROUP", 2)
-    dive = make_dive(6)
-    (dive.root / "R/0003.png").write_bytes(b"")
-    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
-    summary = run(*sides, tmp_path / "threads")
-    assert (summary.count("ok"), summary.count("failed")) == (5, 1)
-    with cluster("local:2") as compute:
-        assert (
-            run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute)).count("ok") == 5
-        )
-    assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
-    before = (tmp_path / "threads/water.json").read_bytes()
-    again = run(*sides, tmp_path / "threads")
-    assert (again.kept, (tmp_path / "threads/water.json").read_bytes()) == (5, before)
-
-
-@pytest.mark.slow
-def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
     dive = make_dive(6)
     (dive.root / "R/0003.png").write_bytes(b"")
     sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
@@ -94,6 +76,9 @@ def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
     run(*sides, tmp_path / "threads")
     assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
     assert not list((tmp_path / "cluster").rglob(".writing-probe*"))
+    before = (tmp_path / "threads/water.json").read_bytes()
+    again = run(*sides, tmp_path / "threads")
+    assert (again.kept, (tmp_path / "threads/water.json").read_bytes()) == (5, before)
 
 
 class NewWorkers(Threads):

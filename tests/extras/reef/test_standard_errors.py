@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from stereo_seecolor.commands.run import range_maps
+from conftest import SampleRun
 
 ROOT = Path(__file__).resolve().parents[3]
 REEF = ROOT / "data_samples/reef"
@@ -14,13 +13,8 @@ BENCHMARK = runpy.run_path(str(ROOT / "benchmarks/standard_errors.py"))
 
 
 @pytest.mark.slow
-def test_lengths_and_areas_lie_within_their_standard_errors(tmp_path: Path) -> None:
-    for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-        for path in sorted((REEF / side).iterdir())[::5]:
-            (tmp_path / side / path.name).symlink_to(path)
-    range_maps(tmp_path / "left", tmp_path / "right", REEF / "cam.yaml", tmp_path / "out")
-    both = BENCHMARK["surfaces"](REEF, tmp_path / "out")
+def test_lengths_and_areas_lie_within_their_standard_errors(sample_run: SampleRun) -> None:
+    both = BENCHMARK["surfaces"](REEF, sample_run.out)[::5]
     for part in (BENCHMARK["lengths"](both, 150, 1), BENCHMARK["areas"](both, 40, 1)):
         for name, scores in part.items():
             z = np.array(scores)

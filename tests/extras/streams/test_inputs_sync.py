@@ -50,7 +50,7 @@ def error_s(found, offset_s: float, drift: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tenths_of_a_frame", [0, 1, 3, 5, 8, 137, 222, 451, -124])
+@pytest.mark.parametrize("tenths_of_a_frame", [0, 5, 8, 137, 451, -124])
 def test_offsets_are_found_from_motion_alone(tenths_of_a_frame: int, tmp_path: Path) -> None:
     offset_s = tenths_of_a_frame / 10 / RATE_HZ
     found = sync(*write_pair(tmp_path, offset_s))

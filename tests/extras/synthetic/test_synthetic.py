@@ -3,6 +3,7 @@ were taken through.
 """
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.synthetic import casting
+from stereo_seecolor.extras.synthetic import casting, render
 from stereo_seecolor.extras.synthetic.casting import cast
 from stereo_seecolor.extras.synthetic.dive import parse_spec, synthesize
 from stereo_seecolor.extras.synthetic.life import CHART
@@ -25,7 +26,7 @@ from stereo_seecolor.inputs.name_times import timestamp_from_name
 from stereo_seecolor.inputs.trajectories import read_trajectory
 
 SAMPLES = Path(__file__).parents[3] / "data_samples" / "reef"
-SPEC = SurveySpec(pairs=6, image_size=(320, 256))
+SPEC = SurveySpec(pairs=6, image_size=(176, 144))
 
 
 @pytest.fixture(scope="module")
@@ -259,9 +260,18 @@ def test_track_flies_to_and_fro_and_climbs() -> None:
     assert len(set(flown.names)) == 160
 
 
+SHORT = SurveySpec(pairs=2, lines=1, image_size=(128, 96))
+BUILT = cache(build_reef)
+
+
+@pytest.fixture
+def built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(render, "build_reef", BUILT)
+
+
 @pytest.mark.slow
-def test_dive_on_disk_reads_back(tmp_path: Path) -> None:
-    spec = SurveySpec(pairs=2, lines=1, image_size=(128, 96))
+def test_dive_on_disk_reads_back(tmp_path: Path, built_once: None) -> None:
+    spec = SHORT
     finished: list[tuple[int, int]] = []
     synthesize(spec, tmp_path / "dive", lambda *done: finished.append(done))
     assert finished == [(1, 2), (2, 2)]
@@ -325,8 +335,8 @@ def test_synthesize_refuses_a_folder_with_other_files(tmp_path: Path, own: str) 
 
 
 @pytest.mark.slow
-def test_a_stopped_synthesis_continues(tmp_path: Path) -> None:
-    spec, dive = SurveySpec(pairs=2, lines=1, image_size=(64, 64)), tmp_path / "dive"
+def test_a_stopped_synthesis_continues(tmp_path: Path, built_once: None) -> None:
+    spec, dive = SHORT, tmp_path / "dive"
 
     def stop(finished: int, pairs: int) -> None:
         raise KeyboardInterrupt
