@@ -202,7 +202,11 @@ def read_together(
 
 
 def _step_m(table: Table, columns: Mapping[str, str]) -> float:
-    return step_of(table.text(columns["lat"].lower())) if "lat" in columns else 0.0
+    if "lat" in columns:
+        return step_of(table.text(columns["lat"].lower()))
+    if "north" in columns:
+        return step_of(table.text(columns["north"].lower()), unit(columns["north"]))
+    return 0.0
 
 
 def _at_times(times_s: Column, own_s: Column, values: Column, is_angle: bool) -> Column:
