@@ -46,6 +46,8 @@ BETTER, BEATS_A_TURN = 0.6, 0.8
 """Of the misfit another reading must leave less; and of what a turn leaves, where that helps as
 well: the turn's three angles were fitted.
 """
+LESS_COST = 0.9
+"""Of two that leave about the same median the one whose cost is so much less fits better."""
 ALIKE_MISFIT = 1.15
 """Two explanations are alike where one leaves at most so much more."""
 MAX_TURN_RAD = np.radians(20.0)
@@ -213,7 +215,7 @@ def _misread(
     best, left = readings[0].misfit if readings else np.inf, correction.misfit
     is_better = best < (BEATS_A_TURN if correction.advice else BETTER) * left
     if correction.advice and best < ALIKE_MISFIT * left:  # whose numbers were fitted
-        is_better = is_better or seen.cost(readings[0].T) < seen.cost(correction.T)
+        is_better |= seen.cost(readings[0].T) < LESS_COST * seen.cost(correction.T)
     if is_better and best < BETTER * plain:
         return f"; they would fit with {named(readings)}"
     attitude_rad = float(np.median(Motions.of(correction.T, seen.edges).attitude_rad))
@@ -288,7 +290,7 @@ def _correction(T: Array, seen: SeenMotion, plain: float, config: MappingConfig)
 
 def _with_lever_arm(before: _Correction, seen: SeenMotion) -> _Correction:
     """The poses of the camera where they are of another point of the vehicle."""
-    arm_m = lever_arm(Motions.of(before.T, [*seen.edges, *seen.spans]))
+    arm_m = lever_arm(Motions.of(before.T, seen.spans or seen.edges))
     if arm_m is None:
         return before
     T = before.T @ pose(np.eye(3), -arm_m)

@@ -44,6 +44,8 @@ class InterpretationSettings:
 
 
 SETTINGS = InterpretationSettings()
+CLOCK_EDGES = 60
+"""Relative poses by which each of some hundred clocks is judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def interpretations(
     )
     if has_clock:
         most = min(SETTINGS.clock_misfit, SETTINGS.clock_better * seen.misfit(T))
-        clocks = of_other_clocks(index, trajectory, config, seen.misfit)
+        clocks = of_other_clocks(index, trajectory, config, seen.thinned(CLOCK_EDGES).misfit)
         yield from (one for one in clocks if seen.misfit(one[1]) < most)
     # the rotations of a table of angles are of no quaternion or matrix
     of_matrices = trajectory.T_vehicle_camera is None
@@ -95,6 +97,7 @@ def interpretations(
         for name, positions in _POSITIONS.items():
             if turned or name:
                 on_earth = _ON_EARTH.get(name, "") if trajectory.origin else ""
+                on_earth += _OF_A_TABLE.get(name, "") if not of_matrices else ""
                 yield (
                     " and ".join(text for text in (turned, name) if text) + on_earth,
                     _with_positions(start, positions),
@@ -158,6 +161,7 @@ _ON_EARTH = {
     "x mirrored": " (longitudes of the other sign)",
     "y mirrored": " (latitudes of the other sign)",
 }
+_OF_A_TABLE = {"z pointing down": " (heights or altitudes in place of depths)"}
 
 
 def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:

@@ -145,8 +145,8 @@ def lever_arm(motions: Motions) -> Array | None:
     """Estimate the vector from the camera to the point whose positions are given, (3,) in the
     camera's axes, meters; None where it is not significant.
 
-    motions: also over spans, where the camera turns the most. A point at l moves by t + (R - I) l
-    where the camera moves by R, t.
+    motions: over spans, where the camera turns the most, if they are known. A point at l moves by
+    t + (R - I) l where the camera moves by R, t.
     """
     off_m = motions.given[:, :3, 3] - motions.measured[:, :3, 3]
     turns = motions.measured[:, :3, :3] - np.eye(3)

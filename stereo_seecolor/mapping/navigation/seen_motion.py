@@ -52,6 +52,11 @@ class SeenMotion:
         spans = spans_of(own, order, known) if own is not None else []
         return cls([e for e in edges if known[[e.i, e.j]].all()], spans)
 
+    def thinned(self, most: int) -> "SeenMotion":
+        """Take so many of the edges and of the spans at most, evenly."""
+        edges, spans = (one[:: -(-len(one) // most) or 1] for one in (self.edges, self.spans))
+        return SeenMotion(edges, spans)
+
     def misfit(self, T_world_camera: Array) -> float:
         """Compute how badly poses fit: between neighbors, and over spans, in their median lengths;
         infinite for too few.

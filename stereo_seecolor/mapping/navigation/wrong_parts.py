@@ -106,8 +106,9 @@ def _cause(
     given_m, reversed_m = (
         float(np.median(Motions.of(T, within).position_m)) for T in (T_world_camera, turned)
     )
+    causes = []
     if reversed_m < REVERSED * given_m:
-        return (
+        causes.append(
             f"in reverse order they would fit ({reversed_m:.2f} m): sort the rows of the track by "
             "time"
         )
@@ -118,17 +119,20 @@ def _cause(
         for T in (motions.given, motions.measured)
     ]
     if moved_m[0] < STAYS * moved_m[1]:
-        return (
+        causes.append(
             f"there the positions stay at one place (they move by {moved_m[0]:.2f} m where the "
             f"images move by {moved_m[1]:.2f} m): a sensor that repeats its last fix?"
         )
+    to_others = [edge for edge in seen.spans if edge.i in part or edge.j in part] or within
+    motions = Motions.of(T_world_camera, to_others)
     turned_deg = [
         float(np.degrees(np.linalg.norm(rotation_vector(T[:, :3, :3]), axis=1)).max())
         for T in (motions.given, motions.measured)
     ]
     if turned_deg[0] < STAYS * turned_deg[1] and turned_deg[1] > LEAST_TURN_DEG:
-        return (
+        causes.append(
             f"there the attitudes or headings stay (they turn by {turned_deg[0]:.0f} degrees at "
             f"most where the images turn by {turned_deg[1]:.0f}): a sensor that stopped?"
         )
-    return "neither the reverse order nor a sensor that stopped explains it"
+    none = "neither the reverse order nor a sensor that stopped explains it"
+    return "; or, as likely, ".join(causes) or none
