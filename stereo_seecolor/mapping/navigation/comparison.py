@@ -14,7 +14,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
 from stereo_seecolor.mapping.navigation.deviations import deviations
 from stereo_seecolor.mapping.navigation.interpretations import (
-    Reading,
+    PoseReading,
     best_readings,
     interpretations,
     named,
@@ -205,7 +205,7 @@ def examine(
 def _misread(
     T: Array,
     seen: SeenMotion,
-    readings: Sequence[Reading],
+    readings: Sequence[PoseReading],
     correction: "_Correction",
     plain: float,
 ) -> str:
@@ -229,7 +229,7 @@ def _misread(
     return f": {depths}" if depths else ""
 
 
-def _are_alike(readings: Sequence[Reading], correction: "_Correction", plain: float) -> bool:
+def _are_alike(readings: Sequence[PoseReading], correction: "_Correction", plain: float) -> bool:
     best = readings[0].misfit
     return best < BETTER * plain and best <= ALIKE_MISFIT * correction.misfit
 

@@ -49,7 +49,7 @@ CLOCK_EDGES = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class PoseReading:
     """Another way to read poses. T: (N, 4, 4) so read."""
 
     name: str
@@ -57,16 +57,16 @@ class Reading:
     T: Array
 
 
-def best_readings(seen: SeenMotion, others: Iterable[tuple[str, Array]]) -> list[Reading]:
+def best_readings(seen: SeenMotion, others: Iterable[tuple[str, Array]]) -> list[PoseReading]:
     """The reading that fits best, then those that fit about as well."""
     found = sorted(
-        (Reading(name, seen.misfit(T), T) for name, T in others), key=lambda one: one.misfit
+        (PoseReading(name, seen.misfit(T), T) for name, T in others), key=lambda one: one.misfit
     )
     most = SETTINGS.alike * found[0].misfit if found else 0.0
     return [one for one in found if one.misfit <= most]
 
 
-def named(readings: Sequence[Reading]) -> str:
+def named(readings: Sequence[PoseReading]) -> str:
     """The readings in words: the best, and those as likely."""
     return "; or, as likely, with ".join(one.name for one in readings)
 
