@@ -26,6 +26,8 @@ class RecordSettings:
     """Least standard deviation (logarithm) of records; smaller ones are not used."""
     left: float = 0.8
     """Largest remaining fraction of the offsets between frames, as for gains."""
+    misread_left: float = 0.4
+    """The same of records in another reading: of several one explains half by chance."""
     frames: int = 2
     """Frames by which a table may be shifted."""
     alike: float = 1.05
@@ -78,7 +80,7 @@ def misread(parts: Parts, recorded: Array) -> str:
             readings[f"as those of {counted(frames, 'frame')} {of}"] = other
     offsets = {name: offsets_about(parts, other) for name, other in readings.items()}
     best = min(offsets, key=lambda name: offsets[name][1])
-    if not explain(offsets[best]):
+    if offsets[best][1] > SETTINGS.misread_left * offsets[best][0]:
         return ""
     alike = [name for name in offsets if offsets[name][1] <= SETTINGS.alike * offsets[best][1]]
     return f"read {', or '.join(alike)} they would explain the differences"
