@@ -99,7 +99,7 @@ BREAKS = (
     ),
     Break(
         "trajectories: north and east exchanged",
-        "stereo_seecolor/inputs/trajectories/axes.py",
+        "stereo_seecolor/geometry.py",
         "[[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]",
         "[[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]",
         "inputs/test_trajectories.py",

@@ -115,8 +115,8 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > LIMITS.center_offset:
         found.append(
             f"{side}: the principal point ({cx:.0f}, {cy:.0f}) is far from the center of "
-            f"{width}x{height} px: does K belong to another resolution (about "
-            f"{2 * cx:.0f}x{2 * cy:.0f})?"
+            f"{width}x{height} px: K may belong to another resolution, or to larger images that "
+            f"these are cut out of (about {2 * cx:.0f}x{2 * cy:.0f})"
         )
     if abs(fx / fy - 1) > LIMITS.aspect:
         found.append(

@@ -21,6 +21,10 @@ _LEAST_QUATERNION = 1e-300
 """Smaller numbers cannot be divided by."""
 
 
+R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+"""From axes north, east, down to east, north, up."""
+
+
 def pose(R: ArrayLike, position_m: ArrayLike) -> Array:
     """The rigid transforms (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3)."""
     R, position_m = np.asarray(R, np.float64), np.asarray(position_m, np.float64)
@@ -91,14 +95,15 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
     return R
 
 
-def interpolate(before: Array, after: Array, fraction: float) -> Array:
-    """The pose at ``fraction`` of the way between two poses (4, 4): on a straight line, with
+def interpolate(before: Array, after: Array, fraction: Array) -> Array:
+    """The poses (N, 4, 4) at fractions (N,) of the way between two: on a straight line, with
     constant angular velocity.
     """
     T = before.copy()
-    turn = rotation_vector(before[:3, :3].T @ after[:3, :3])
-    T[:3, :3] = before[:3, :3] @ rotation_from_vector(fraction * turn)
-    T[:3, 3] = (1 - fraction) * before[:3, 3] + fraction * after[:3, 3]
+    turn = rotation_vector(np.swapaxes(before[:, :3, :3], 1, 2) @ after[:, :3, :3])
+    part = np.asarray(fraction)[:, None]
+    T[:, :3, :3] = before[:, :3, :3] @ rotation_from_vector(part * turn)
+    T[:, :3, 3] = (1 - part) * before[:, :3, 3] + part * after[:, :3, 3]
     return T
 
 

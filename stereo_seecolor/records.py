@@ -374,6 +374,9 @@ class Trajectory:
         absolute: Fixes beside poses, which place them on Earth; None where there are none.
         position_step_m: What the file rounds positions to; 0 where that is too fine to matter.
         notes: What a person should know of how the file was read.
+        T_vehicle_camera: (4, 4) float64, how the camera sits on the vehicle (x forward, y
+            starboard, z down) whose roll, pitch and heading the file gives; None where it gives
+            the camera's own attitude.
     """
 
     names: tuple[str, ...]
@@ -386,6 +389,7 @@ class Trajectory:
     absolute: "Trajectory | None" = None
     position_step_m: float = 0.0
     notes: tuple[str, ...] = ()
+    T_vehicle_camera: NDArray[np.float64] | None = None
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
         """The poses of the rectified left camera.
@@ -398,10 +402,13 @@ class Trajectory:
         """
         if self.camera == "rectified":
             return self
+        T_left_rectified = np.linalg.inv(T_rectified_left)
+        mounted = self.T_vehicle_camera
         return replace(
             self,
-            T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left),
+            T_world_camera=self.T_world_camera @ T_left_rectified,
             camera="rectified",
+            T_vehicle_camera=None if mounted is None else mounted @ T_left_rectified,
         )
 
 

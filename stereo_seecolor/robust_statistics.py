@@ -26,3 +26,10 @@ def deviation_about_zero(values: Array) -> float:
 def biweight(residuals: Array) -> Array:
     """Tukey's weights of residuals, in units of the residual at which the weight becomes 0."""
     return np.where(np.abs(residuals) < 1, (1 - residuals**2) ** 2, 0)
+
+
+def weighted_median(values: Array, weights: Array) -> float:
+    """The value below which half of the weight lies."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])

@@ -2,7 +2,7 @@
 the lines that a user reads.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,7 +59,8 @@ class Causes:
     rows, most over the image, and of the motion, relative to the median disparity.
 
     motion: between neighboring pairs, with the best undone; NO_MOTION where none was given. rig:
-    with the best undone, None where it was not tested.
+    with the best undone, None where it was not tested. parts: what explains the beginning and the
+    end of a dive where nothing explains all of it; None where nothing does.
     """
 
     best: Explanation | None = None
@@ -68,11 +69,21 @@ class Causes:
     left: float = 0.0
     motion: Motion = NO_MOTION
     rig: StereoRig | None = None
+    parts: tuple[Explanation, Explanation] | None = None
 
     @property
     def explains(self) -> bool:
         """Tell whether the best leaves no more than chance does."""
         return self.best is not None and self.best.misfit <= ENOUGH * self.numbers
+
+    def in_parts(self, before: "Causes", after: "Causes") -> "Causes":
+        """Add what explains the beginning and the end of the dive, where other causes explain each
+        of them.
+        """
+        if not (before.best and after.best and before.explains and after.explains):
+            return self
+        same = before.best.causes == after.best.causes
+        return self if same else replace(self, parts=(before.best, after.best))
 
     @property
     def explains_motion(self) -> bool:
@@ -134,6 +145,16 @@ class Causes:
         if self.best is None or not (self.best.text or not self.explains):
             return ""
         if not self.explains:
+            if self.parts:
+                before, after = (
+                    f"{one.text or 'nothing is wrong'}{f': {one.ranges}' * bool(one.text)}"
+                    for one in self.parts
+                )
+                return (
+                    "no one cause explains all pairs, but other ones their beginning "
+                    f"({before}) and their end ({after}): zoom, focus, crop or mode changed in the "
+                    "dive: process both parts separately, each with its own calibration"
+                )
             times = float(np.sqrt(self.best.misfit / self.numbers))
             return (
                 "no cause that was tested explains it: the best one leaves "

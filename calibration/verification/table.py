@@ -144,6 +144,36 @@ CUT_OUT = Cause(
     "give the whole images, or a calibration of this (or of the stabilized) mode",
     _of_sides(_enlarged, "left", "right"),
 )
+OFF_CENTER = 0.05
+"""Of the image's size: principal points of both sides so far from its center are rather those of
+larger images.
+"""
+
+
+def _cut_out_of_larger(rig: StereoRig, part: float) -> StereoRig:
+    """A rig whose images are cut out of the calibrated ones, so that the principal points lie in
+    the middle by this part of what they are off.
+    """
+    sides = (rig.left, rig.right)
+    off = np.mean([one.K[:2, 2] - (np.array(one.image_size) - 1) / 2 for one in sides], axis=0)
+    if (np.abs(off) < OFF_CENTER * np.array(rig.left.image_size)).all():
+        return rig
+
+    def cut(camera: Camera) -> Camera:
+        K = camera.K.copy()
+        K[:2, 2] -= part * off
+        return replace(camera, K=K)
+
+    return replace(rig, left=cut(rig.left), right=cut(rig.right))
+
+
+CROPPED = Cause(
+    "images of both sides cut out of larger ones, of which the calibration is (their middle lies "
+    "{} +- {} of the way to its principal points; 1: a crop of the middle)",
+    Amount(1, 1e-2, 1.5, 0.5, zero=0),
+    "give the whole images, or subtract the crop's left and upper edge from the principal points",
+    _cut_out_of_larger,
+)
 IN_AIR = Cause(
     "light bent by a flat port (index {} +- {}), as with a calibration made in air",
     Amount(1, 1e-3, 0.42, 0.26, zero=1),  # water is 1.33 to 1.36
@@ -206,6 +236,7 @@ CAUSES = (
         )
     ),
     CUT_OUT,
+    CROPPED,
     *(
         Cause(
             f"images of the {side} side cut out of the calibrated ones and enlarged {{}} +- {{}} "

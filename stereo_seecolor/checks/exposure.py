@@ -1,5 +1,8 @@
-"""Frames too badly exposed for their colors: almost black, or clipped by the camera."""
+"""Frames too badly exposed for their colors: almost black, or clipped by the camera; and recorded
+exposures that cannot be.
+"""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -7,7 +10,7 @@ import numpy as np
 
 from stereo_seecolor.color.render.display import FULL_AT
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
-from stereo_seecolor.records import Image, Map
+from stereo_seecolor.records import Capture, Image, Map
 
 
 @dataclass(frozen=True)
@@ -51,3 +54,31 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
             ),
         )
     return ()
+
+
+def recorded_exposure_notes(
+    captures: Sequence[Capture], timestamps_s: Sequence[float | None], has_table: bool
+) -> tuple[str, ...]:
+    """Lines for exposure times longer than the time between frames, and for a table of exposures
+    that names few of the images.
+
+    captures: of each pair, with its time. has_table: whether the user gave a table.
+    """
+    notes = []
+    known = [one for one in captures if one.exposure_s is not None or one.gain is not None]
+    if has_table and len(known) < len(captures):
+        notes.append(
+            f"input.exposures names the files of {len(known)} of {len(captures)} pairs: compare "
+            "its names with those of the left images"
+        )
+    times_s = sorted(time_s for time_s in timestamps_s if time_s is not None)
+    exposures_s = [one.exposure_s for one in captures if one.exposure_s is not None]
+    if len(times_s) > 1 and exposures_s:
+        interval_s, exposure_s = float(np.median(np.diff(times_s))), float(np.median(exposures_s))
+        if exposure_s > interval_s > 0:
+            notes.append(
+                f"the recorded exposures, {exposure_s:.3g} s (median), are longer than the "
+                f"{interval_s:.3g} s between frames: their unit is wrong (name the column "
+                "exposure_ms or exposure_us), or they are reciprocals"
+            )
+    return tuple(notes)

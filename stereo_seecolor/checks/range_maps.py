@@ -33,6 +33,10 @@ both must be larger, on average over the images. With true ranges (8 frames of F
 a jetty, 5 of a strobe-lit reef, 4 synthetic ones) the first is -0.96 to -0.03 and the second -0.66
 to 0.05 in each single frame; the same maps as disparities have these with the other sign.
 """
+TURNED = 0.15
+"""A map turned back must correlate more by this than one read as disparities."""
+_TURNS = {"upside down": (-1, 1), "mirrored": (1, -1), "turned by 180 degrees": (-1, -1)}
+"""Steps through rows and columns."""
 DARK = 0.002
 """Of full scale, added to light: the noise of dark pixels is no color."""
 FIXED_POINT = 16
@@ -60,13 +64,16 @@ class _RankCorrelations:
 
 def disparities(images: DiveImages) -> DiveVerdict:
     """Range maps, the second files of pairs, in which the larger value is the nearer one."""
-    seen = []
+    seen, turned = list[_RankCorrelations](), {how: list[float]() for how in _TURNS}
     for pair in evenly_spaced(images.pairs, LOOKED_AT):
         with suppress(InputError):  # the run names it
             image = read_image(pair.left, images.config.input)
             values = read_range_map(pair.right, images.config.input.range_units_per_m)
             if values.shape == image.shape[:2]:
                 seen.append(_compared(image, values.astype(np.float64), images))
+                for how, (rows, columns) in _TURNS.items():
+                    other = values[::rows, ::columns].astype(np.float64)
+                    turned[how].append(_compared(image, other, images).redder)
     if not seen:
         return NOTHING_FOUND
     redder, clearer = (
@@ -77,6 +84,21 @@ def disparities(images: DiveImages) -> DiveVerdict:
     by_water = redder > REDDER and clearer > CLEARER
     if not (by_water or (in_steps and redder > -REDDER)):
         return NOTHING_FOUND
+    name = images.pairs[0].right.name
+    right = {
+        how: float(np.nanmean(found)) for how, found in turned.items() if np.isfinite(found).any()
+    }
+    how = min(right, key=lambda one: right[one]) if by_water and right else ""
+    if how and -right[how] > redder + TURNED:
+        return DiveVerdict(
+            (
+                f"range: {name} is {how} against its image: turned back its ranges have a rank "
+                f"correlation of {right[how]:+.2f} with the redness of the image, as water makes "
+                f"it, and {redder:+.2f} as it is; as disparities they would have {-redder:+.2f}: "
+                "turn the maps",
+            ),
+            RANGES | COLORS,
+        )
     evidence = (
         f"where its values are larger, images are redder (rank correlation {redder:+.2f}) and have "
         f"more contrast ({clearer:+.2f}), but water reduces both with distance"
@@ -84,10 +106,12 @@ def disparities(images: DiveImages) -> DiveVerdict:
         else f"all its values are whole numbers of 1/{FIXED_POINT} of a pixel, or of "
         f"{FIXED_POINT} units"
     )
-    name = images.pairs[0].right.name
+    alike = how and -right[how] > redder - TURNED
+    rest = f"or, as likely, ranges {how}" if alike else "not ranges"
     return DiveVerdict(
         (
-            f"range: {name} holds disparities or inverse depth, not ranges: {evidence}: convert "
+            f"range: {name} holds disparities or inverse depth, {rest}: {evidence}: "
+            "convert "
             "it first: range along the axis = focal length in pixels x baseline / disparity "
             f"in pixels (in 16-bit files often the value / {FIXED_POINT} or / 256)",
         ),

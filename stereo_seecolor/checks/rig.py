@@ -10,6 +10,7 @@ from calibration.checks import RowCheck, judge_matches
 from calibration.rectification import plan_rectification
 from calibration.verification.causes import find_causes
 from calibration.verification.conventions import settle_matches
+from calibration.verification.explanations import Causes
 from calibration.verification.matches import Matches, find_matches
 from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
 from calibration.verification.motion import find_couples, find_motion, motion_of
@@ -32,6 +33,10 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
 
+PARTED_AT = (1 / 2, 1 / 4, 3 / 4)
+"""Of a dive, where something may have changed that rows do not show."""
+LEAST_PAIRS = 3
+"""Of a part that is explained by itself."""
 LOOKED_AT = 4
 """Pairs, spread over the dive, that have a quick look: a descent may last a quarter of a dive, and
 a camera may be knocked.
@@ -128,7 +133,35 @@ class JudgedRig:
         couples = couples_of(rig, pairs, images)
         motion = motion_of(couples, plan_rectification(rig).matching_pair)
         causes = find_causes(rig, matches, couples)
+        if causes.best and not causes.explains:
+            causes = _in_parts(causes, rig, matches, pairs, images)
         return replace(self, rows=replace(self.rows, motion=motion, causes=causes))
+
+
+def _in_parts(
+    causes: Causes,
+    rig: StereoRig,
+    matches: Sequence[Matches],
+    pairs: Sequence[Pair],
+    images: InputConfig,
+) -> Causes:
+    """Causes with those of the beginning and the end of a dive, where they explain these and
+    nothing explains all: a change after a quarter, a half or three quarters.
+    """
+
+    def of_part(begin: float, end: float) -> Causes:
+        first, last = (round(place * len(pairs)) for place in (begin, end))
+        couples = couples_of(rig, pairs[first:last], images)
+        first, last = (round(place * len(matches)) for place in (begin, end))
+        return find_causes(rig, matches[first:last], couples)
+
+    for place in PARTED_AT:
+        if min(place, 1 - place) * len(matches) < LEAST_PAIRS:
+            continue
+        found = causes.in_parts(of_part(0, place), of_part(place, 1))
+        if found.parts:
+            return found
+    return causes
 
 
 def couples_of(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> list[SeenTwice]:

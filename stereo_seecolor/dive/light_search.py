@@ -23,6 +23,7 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
     explain,
     is_informative,
     log_exposures,
+    misread,
     offsets_about,
 )
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -171,7 +172,8 @@ class LightSearch:
                 light = solve_light(windows, names, self._size, allowed, used, is_sampled)
                 light = light and replace(light, offsets=offsets)
             else:
-                light = replace(light, refused=offsets)
+                reading = misread(parts, recorded) if offsets else ""
+                light = replace(light, refused=offsets, reading=reading)
         return light and refit_color_after_water(light, windows, names, self._size), used
 
     def _of_frames(

@@ -16,6 +16,7 @@ from typing import Any
 
 from stereo_seecolor.checks.changes import LEFT_OUT
 from stereo_seecolor.checks.exchanged_channels import exchanged_channels_notes
+from stereo_seecolor.checks.exposure import recorded_exposure_notes
 from stereo_seecolor.checks.fitted_water import range_scale_notes
 from stereo_seecolor.checks.odd_pairs import odd_among
 from stereo_seecolor.checks.sample import evenly_spaced
@@ -104,6 +105,11 @@ def measure_ranges(run: DiveRun) -> DiveRanges:
         capture = recorded_capture(row.facts)
         captures.append(different.setdefault(capture, capture))
     _leave_out_odd(run)
+    run.notes += recorded_exposure_notes(
+        captures,
+        [pair.timestamp_s for pair in run.pairs],
+        run.frames.config.input.exposures is not None,
+    )
     return DiveRanges(None if run.table.failed else key.value, captures)
 
 

@@ -9,15 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import rigid_alignment, transform_points
+from stereo_seecolor.geometry import (
+    rigid_alignment,
+    scale_of,
+    similarity_alignment,
+    transform_points,
+)
 from stereo_seecolor.mapping.marker_tables import USUAL_STD_M
-from stereo_seecolor.mapping.placed_markers import PlacedMarker
+from stereo_seecolor.mapping.placed_markers import UNITS, PlacedMarker
 
 Array = NDArray[np.float64]
 FEWEST = 3
 """Points that fix a rigid motion; of just three the residuals say little."""
 BEYOND_SIGMAS = 5.0
 """Standard errors, of a place and of the map, beyond which a residual is not chance."""
+SAME_UNIT = 0.02
+"""A factor this near to that of a unit is its."""
 EXPLAINED = 0.2
 """A place is mistyped where the others fit so many times better without it."""
 
@@ -99,6 +106,14 @@ def control_fit(
 def _doubt(here: Array, there: Array, markers: Sequence[PlacedMarker], stds_m: Array) -> str:
     """Which place is off, where the others fit without it; else the worst residual."""
     off = np.linalg.norm(transform_points(rigid_alignment(here, there), here) - there, axis=1)
+    T = similarity_alignment(here, there)
+    left = np.linalg.norm(transform_points(T, here) - there, axis=1)
+    units = [of for of, times in UNITS.items() if abs(scale_of(T) / times - 1) < SAME_UNIT]
+    if units and left.max() < EXPLAINED * off.max():
+        return (
+            f"the positions lie {scale_of(T):.4g} times as far apart as in the map: as if given "
+            f"{units[0]}"
+        )
     for i in np.argsort(-off) if len(markers) > FEWEST else ():
         others = np.arange(len(markers)) != i
         T = rigid_alignment(here[others], there[others])

@@ -40,6 +40,7 @@ class MarkerDetector:
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))
+        self.cells = dictionary.markerSize + 2  # with the black border
         self._detector = cv2.aruco.ArucoDetector(dictionary, parameters)
 
     def find(self, color: NDArray[np.uint8]) -> list[MarkerObservation]:

@@ -68,7 +68,7 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
     the line.
     """
     rows, columns, units = _table(path, BAR, ("first", "second", "length"))
-    bars = {}
+    bars: dict[tuple[int, int], float] = {}
     for where, cells in rows:
         ends = (
             [cells[columns["first"]], cells[columns["second"]]]
@@ -86,7 +86,14 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
                 f"{where}: a scale bar of {length_m:g} m: name its unit in the header, as "
                 "length_m, length_cm or length_mm"
             )
-        bars[_marker(where, ends[0]), _marker(where, ends[1])] = length_m
+        first, second = (_marker(where, end) for end in ends)
+        known_m = bars.get((first, second), bars.get((second, first), length_m))
+        if known_m != length_m:
+            raise InputError(
+                f"{where}: bar {first}-{second} has two lengths, {known_m:g} and {length_m:g} m: "
+                "leave one"
+            )
+        bars[first, second] = length_m
     return bars
 
 
@@ -98,6 +105,9 @@ def read_places(path: Path, origin: GeoOrigin | None = None) -> Places:
     """
     rows, columns, units = _table(path, PLACE, ("marker", "x", "y", "z"))
     numbers = [_marker(where, cells[columns["marker"]]) for where, cells in rows]
+    for number, (where, _) in zip(numbers, rows, strict=True):
+        if numbers.count(number) > 1:
+            raise InputError(f"{where}: marker {number} has two positions: leave one")
     values = {
         role: np.array(
             [_number(where, cells[column]) * units.get(role, 1.0) for where, cells in rows]

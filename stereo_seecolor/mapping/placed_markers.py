@@ -1,7 +1,7 @@
 """Markers in the map: position, agreement of the observations, and size against the given one."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ class MarkerSettings:
     # standard errors: no rig's scale is off so far, so it is the size that was given
     wrong_sigmas: float = 5.0
     fewest_views: int = 2  # a marker seen once may be none
+    same_mistake: float = 0.015  # of a length: as well as tape and rig agree
 
 
 MARKER_SETTINGS = MarkerSettings()
@@ -53,18 +54,67 @@ class PlacedMarker:
 @dataclass(frozen=True)
 class ScaleCheck:
     """Lengths measured over lengths given: 1 where the rig's scale is right, with its standard
-    error. wrong: it cannot be.
+    error. wrong: it cannot be. cells: across a marker with its border, where its size was given.
     """
 
     ratio: float
     std: float
     lengths: int
+    cells: int = 0
 
     @property
     def wrong(self) -> bool:
         """Tell whether the scale is further off than any rig's can be."""
         off = abs(self.ratio - 1)
         return off > MARKER_SETTINGS.wrong_size and off > MARKER_SETTINGS.wrong_sigmas * self.std
+
+    def cause(self, others: Iterable["ScaleCheck"]) -> str:
+        """What of all usual mistakes explains a wrong length. others: the checks of all known
+        lengths: where these differ, the scale of the rig is not the cause.
+        """
+        mistakes = dict(UNITS)
+        if self.cells:
+            mistakes |= {
+                "with the white margin": 1 + 2 / self.cells,
+                "without the black border": 1 - 2 / self.cells,
+            }
+        same = max(MARKER_SETTINGS.same_mistake, 3 * self.std)
+        likely = [of for of, times in mistakes.items() if abs(times * self.ratio - 1) < same]
+        if likely:
+            return f"as if given {', or '.join(likely)}"
+        off = f"given {100 * (1 / self.ratio - 1):+.1f} % off what was measured"
+        if any(abs(one.ratio / self.ratio - 1) > same + 3 * one.std for one in others):
+            return f"{off}: this length is wrong, since others differ by another factor"
+        return (
+            f"{off}, more than rigs usually are: the given lengths or the scale of the calibration "
+            "(baseline, square size, calibrated in air) are wrong, and the images do not show "
+            "which: measure another length"
+        )
+
+
+UNITS = {
+    "in millimeters": 1000.0, "in centimeters": 100.0, "in inches": 1 / 0.0254,
+    "in feet": 1 / 0.3048,
+}  # fmt: skip
+
+
+def doubled(observations: Iterable[PlacedSighting]) -> set[int]:
+    """Numbers of which one frame shows two markers, further apart than one is large."""
+    by_frame: dict[tuple[str, int], list[PlacedSighting]] = defaultdict(list)
+    for one in observations:
+        by_frame[one.frame, one.number].append(one)
+    return {
+        number
+        for (_, number), own in by_frame.items()
+        for other in own[1:]
+        if np.linalg.norm((other.corners_m - own[0].corners_m).mean(axis=0)) > own[0].edges_m.mean()
+    }
+
+
+def two_of_a_number(numbers: Iterable[int]) -> str:
+    """The line for numbers that two markers have."""
+    which = ", ".join(map(str, numbers))
+    return f"one frame shows two markers of each of these numbers: {which}: left out"
 
 
 def placed_markers(
@@ -98,15 +148,18 @@ def _marker(number: int, observations: list[PlacedSighting], T: dict[str, Array]
     )
 
 
-def size_check(markers: Sequence[PlacedMarker], edge_m: float) -> ScaleCheck | None:
-    """The markers' edges against the length that all of them have; None without markers."""
+def size_check(markers: Sequence[PlacedMarker], edge_m: float, cells: int) -> ScaleCheck | None:
+    """The markers' edges against the length that all of them have; None without markers. cells:
+    across a marker, with its black border.
+    """
     if not markers:
         return None
     weights = np.array([marker.views for marker in markers], np.float64)
     ratios = np.array([marker.edge_m for marker in markers]) / edge_m
     stds = np.array([marker.edge_std_m for marker in markers]) / edge_m
     share = weights / weights.sum()
-    return ScaleCheck(float(share @ ratios), float(np.sqrt((share**2) @ (stds**2))), len(markers))
+    std = float(np.sqrt((share**2) @ (stds**2)))
+    return ScaleCheck(float(share @ ratios), std, len(markers), cells)
 
 
 def bar_checks(

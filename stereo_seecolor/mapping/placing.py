@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.navigation.assignment import place
@@ -177,8 +178,10 @@ def _placed_by_poses(
     pictures, or not at all.
     """
     track = odometry.follow(survey)
-    verdict = examine(given, survey, track.edges, trajectory, config)
-    if config.poses == "given" or not verdict.navigation.relative_poses:
+    edges = [*track.edges]
+    own = by_pictures(track) if edges else None
+    verdict = examine(given, survey, edges, trajectory, config, own)
+    if config.poses == "given" or own is None or not verdict.navigation.relative_poses:
         used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
     elif not pose_graph.available():
         missing = (
@@ -190,7 +193,7 @@ def _placed_by_poses(
             verdict.navigation,
         )
     else:
-        used = _fitted(track, verdict, trajectory, config)
+        used = _fitted(track, own, verdict, trajectory, config)
     advice = used.navigation.advice
     placement = used.placement.with_warnings(advice) if advice else used.placement
     origin = trajectory.origin if used.in_their_world else None
@@ -204,6 +207,7 @@ def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Place
 
 def _fitted(
     track: odometry.Track,
+    own: Placement,
     verdict: ComparedNavigation,
     trajectory: Trajectory,
     config: MappingConfig,
@@ -211,7 +215,6 @@ def _fitted(
     """Place the frames by pictures and poses together, or by pictures alone where the poses
     contradict them or are upside down.
     """
-    own = by_pictures(track)
     navigation = _checked_up(verdict, track.survey, trajectory)
     known = priors(own, verdict.placement, config) if navigation.fits else []
     if known:
@@ -232,7 +235,28 @@ def _fitted(
     )
     fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), known)
     fitted, markers = _to_fiducials(track, fitted, config, known)
+    fitted = fitted.with_warnings(*_without_prior(verdict.placement, fitted, known, track.survey))
     return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
+
+
+def _without_prior(
+    given: Placement, fitted: Placement, known: Sequence[pose_graph.Prior], survey: Survey
+) -> list[str]:
+    """Lines for frames that were placed by the images, as they have no given pose, or one whose
+    position is far off.
+    """
+    used = np.isin(np.arange(len(given.components)), [prior.frame for prior in known])
+    has_pose = given.components >= 0
+    lines = []
+    for frames, what in (
+        ((fitted.components >= 0) & ~has_pose, "no pose in the trajectory"),
+        (has_pose & ~used, "a given position far from those of the others, which was not used"),
+    ):
+        if frames.any():
+            first = next(survey.index.names[i] for i in survey.index.order if frames[i])
+            number = counted(int(frames.sum()), "frame")
+            lines.append(f"{number}, first {first}, placed by the images alone: {what}")
+    return lines
 
 
 def _checked_up(verdict: ComparedNavigation, survey: Survey, trajectory: Trajectory) -> Navigation:
@@ -261,8 +285,8 @@ def _checked_attitudes(
         return navigation
     off_deg = np.degrees(std_rad)
     advice = (
-        f"the given attitudes are {off_deg:.0f} degrees off those of the images: are they in "
-        "radians instead of degrees?"
+        f"the given attitudes are {off_deg:.0f} degrees off those of the images (standard "
+        "deviation), under every interpretation that was tested"
     )
     return replace(navigation, fits=False, advice=advice)
 

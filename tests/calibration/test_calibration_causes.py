@@ -112,6 +112,32 @@ def test_a_fault_is_named_with_what_it_does_to_ranges(
 
 
 @pytest.mark.slow
+def test_a_crop_of_the_middle_of_both_sides_is_named() -> None:
+    """The calibration is of images of 1360 by 980 px."""
+    left, right = (
+        replace(camera, K=camera.K + np.array([[0, 0, 200], [0, 0, 130], [0, 0, 0]]))
+        for camera in (rig().left, rig().right)
+    )
+    drawn = drawn_dive(true=rig(), given=replace(rig(), left=left, right=right))
+    found = find_causes(drawn.rig, drawn.matches, drawn.couples)
+    assert found.explains and found.best
+    assert "cut out of larger ones" in found.best.text and len(found.best.causes) == 1
+
+
+@pytest.mark.slow
+def test_a_zoom_of_both_sides_in_the_dive_is_named() -> None:
+    before, after = (
+        find_causes(part.rig, part.matches, part.couples)
+        for part in (drawn_dive(), drawn_dive(both(1.1)))
+    )
+    found = replace(before, best=Explanation("", (), 1e9)).in_parts(before, after)
+    assert not found.explains and found.parts
+    assert not found.parts[0].text and CUT in found.parts[1].text
+    assert "zoom, focus, crop or mode changed in the dive" in found.line
+    assert before.in_parts(before, before).parts is None
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "true", "named", "amount"),
     [

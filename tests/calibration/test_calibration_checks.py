@@ -236,7 +236,7 @@ K = pinhole_rig().left.K
 SUSPECT = {
     "another resolution": (
         _changed(K=K * [[0.5], [0.5], [1]]),
-        "does K belong to another resolution (about 652x470)",
+        "or to larger images that these are cut out of (about 652x470)",
     ),
     "not square": (_changed(K=K * [[1.2], [1], [1]]), "pixels are usually square"),
     "focal length": (

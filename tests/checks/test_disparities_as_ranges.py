@@ -29,13 +29,15 @@ def seen(range_m: Array, beta: Array, veil: Array) -> NDArray[np.uint8]:
     return np.round(255 * light[..., ::-1] ** (1 / 2.2)).astype(np.uint8)
 
 
-def folder(root: Path, beta: Array, maps: Array, veil: Array) -> DiveImages:
+def folder(
+    root: Path, beta: Array, maps: Array, veil: Array, true_m: Array = SLANTED_M
+) -> DiveImages:
     pairs = []
     for name in ("images", "maps"):
         (root / name).mkdir()
     for number in range(2):
         image, of_it = root / "images" / f"{number}.png", root / "maps" / f"{number}.tiff"
-        cv2.imwrite(str(image), seen(SLANTED_M, beta, veil))
+        cv2.imwrite(str(image), seen(true_m, beta, veil))
         cv2.imwrite(str(of_it), maps)
         pairs.append(Pair(f"{number}", image, of_it))
     return DiveImages(pairs, RunConfig())
@@ -58,6 +60,19 @@ def test_larger_values_of_what_is_near_are_named(maps: Array, named: str, tmp_pa
     found = disparities(folder(tmp_path, CLEAR, maps, VEIL))
     assert found.wrong == ({"ranges", "colors"} if named else frozenset())
     assert named in " ".join(found.notes)
+
+
+def test_maps_upside_down_are_no_disparities(tmp_path: Path) -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 480), np.linspace(0, 1, 320))
+    rocks_m = 1 + 3 * y**2 + np.sin(9 * x) * (0.2 + y)
+    upside_down = rocks_m[::-1].astype(np.float32)
+    (note,) = disparities(folder(tmp_path, CLEAR, upside_down, VEIL, rocks_m)).notes
+    assert "is upside down against its image" in note
+
+
+def test_disparities_of_a_plane_may_be_ranges_upside_down(tmp_path: Path) -> None:
+    (note,) = disparities(folder(tmp_path, CLEAR, SLANTED_M[::-1].astype(np.float32), VEIL)).notes
+    assert "holds disparities or inverse depth, or, as likely, ranges upside down" in note
 
 
 @pytest.mark.parametrize("veil", [VEIL[::-1].copy(), np.full(3, 0.2)])

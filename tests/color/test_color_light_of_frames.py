@@ -3,7 +3,7 @@ that gives the pattern.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
+from stereo_seecolor.checks.exposure import recorded_exposure_notes
 from stereo_seecolor.color.photometry.light_of_frames import (
     ACROSS,
     MEAN,
@@ -27,6 +28,7 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
     explain,
     is_informative,
     log_exposures,
+    misread,
     offsets_about,
 )
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
@@ -304,6 +306,33 @@ def test_records_behind_a_strobe_change_nothing() -> None:
     assert not explain(offsets_about(chained(np.zeros(FRAMES), 0.02).parts, recorded))
     assert explain(offsets_about(chained(recorded, 0.02).parts, recorded))
     assert not explain(offsets_about(NOTHING.parts, recorded))
+
+
+@pytest.mark.parametrize(
+    ("altered", "said"),
+    [
+        (lambda true: -true, "as reciprocals (60 for 1/60 s)"),
+        (lambda true: np.roll(true, 1), "as those of 1 frame after"),
+        (lambda true: np.roll(true, -2), "as those of 2 frames before"),
+        (lambda true: np.random.default_rng(8).permutation(true), ""),
+    ],
+)
+def test_records_that_are_read_wrongly_are_named(
+    altered: Callable[[NDArray[np.float64]], NDArray[np.float64]], said: str
+) -> None:
+    true = np.random.default_rng(7).normal(0, 0.4, FRAMES)
+    reading = misread(chained(true, 0.02).parts, altered(true))
+    assert reading == (f"read {said} they would explain the differences" if said else "")
+
+
+def test_exposures_longer_than_the_time_between_frames_and_few_names_are_said() -> None:
+    captures = [Capture(exposure_s=16.7)] * 3 + [Capture()]
+    names, unit = recorded_exposure_notes(captures, [0.0, 1.0, 2.0, 3.0], has_table=True)
+    assert "names the files of 3 of 4 pairs" in names
+    assert "16.7 s (median), are longer than the 1 s between frames" in unit
+    right = [Capture(exposure_s=0.0167)] * 4
+    assert recorded_exposure_notes(right, [0.0, 1.0, None, 3.0], has_table=True) == ()
+    assert recorded_exposure_notes([Capture()] * 4, [None] * 4, has_table=False) == ()
 
 
 def test_gains_are_solved_about_the_records() -> None:

@@ -182,3 +182,21 @@ def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
         read_trajectory(
             write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv")
         )
+
+
+def test_positions_that_a_receiver_repeats_are_read_as_they_change(tmp_path: Path) -> None:
+    rows = [f"{t},{4 * (t // 4)},0,5,90" for t in range(1, 41)]
+    track = read_trajectory(
+        write(tmp_path, "\n".join(["time,north,east,depth,heading", *rows]), "nav.csv")
+    )
+    moved_m = np.diff(track.T_world_camera[4:36, 1, 3])
+    np.testing.assert_allclose(moved_m, 1.0)
+    assert track.notes == ("the positions repeat for up to 4.0 s: read as they change",)
+
+
+def test_positions_of_a_vehicle_that_rests_stay(tmp_path: Path) -> None:
+    rows = [f"{t},{min(t, 10)},0,5,90" for t in range(1, 41)]
+    track = read_trajectory(
+        write(tmp_path, "\n".join(["time,north,east,depth,heading", *rows]), "nav.csv")
+    )
+    assert track.T_world_camera[-1, 1, 3] == 10 and not track.notes

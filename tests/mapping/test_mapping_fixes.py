@@ -85,7 +85,7 @@ def test_a_dive_shorter_than_its_fixes_scatter_is_refused() -> None:
     T = lawn_mower(40, 2.0)
     with pytest.raises(
         MappingError,
-        match="40 fixes along its track do not determine its heading: the dive must be longer",
+        match="40 fixes along its track do not determine its heading: they scatter by",
     ):
         place(T, fixed(T, 2.0))
 

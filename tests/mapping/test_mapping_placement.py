@@ -204,8 +204,9 @@ def test_rotations_and_their_vectors_agree(vector: list[float], fraction: float)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, vector
     np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-9)
-    there = interpolate(np.eye(4), T, fraction)
-    np.testing.assert_allclose(interpolate(T, np.eye(4), 1 - fraction)[:3], there[:3], atol=1e-4)
+    start, end, part = np.eye(4)[None], T[None], np.array([fraction])
+    there = interpolate(start, end, part)[0]
+    np.testing.assert_allclose(interpolate(end, start, 1 - part)[0, :3], there[:3], atol=1e-4)
 
 
 @pytest.mark.parametrize("first", [0, 1])

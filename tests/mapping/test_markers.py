@@ -21,7 +21,8 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.control_points import control_fit
-from stereo_seecolor.mapping.placed_markers import PlacedMarker, ScaleCheck
+from stereo_seecolor.mapping.marker_placing import PlacedSighting
+from stereo_seecolor.mapping.placed_markers import PlacedMarker, ScaleCheck, doubled
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 RIG = RectifiedPair(531.0, 320.0, 318.0, 256.0, 0.12, (640, 512))
@@ -147,9 +148,11 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
     np.testing.assert_allclose(moved.T_world_camera[:, :3, 3], (T @ cameras())[:, :3, 3], atol=5e-3)
     code, said, _ = cli("markers", fused, "--size", "0.15", "--points", tmp_path / "gcp.csv")
     assert (
-        code == 3 and "is the given size wrong?" in said and "surveyed positions: 3 found" in said
+        code == 3
+        and "as if given without the black border" in said
+        and "surveyed positions: 3 found" in said
     )
-    with pytest.raises(InputError, match="shows no marker of aruco-6x6"):
+    with pytest.raises(InputError, match=r"shows no marker of aruco-6x6.*the frames show 36h11"):
         markers(fused, Known(EDGE_M, "aruco-6x6"))
     with pytest.raises(InputError, match="--family 5: is unknown: one of 36h11"):
         markers(fused, Known(EDGE_M, "5"))
@@ -160,6 +163,7 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
     [
         ("marker,x_m,y_m\n1,2,3\n", "has no column 'z_m'"),
         ("marker,x_m,y_m,z_m\n1,2,here,4\n", "line 2: 'here' is not a number"),
+        ("marker,x_m,y_m,z_m\n1,2,3,4\n1,5,3,4\n", "line 2: marker 1 has two positions"),
     ],
 )
 def test_tables_that_cannot_be_used_say_so(tmp_path: Path, content: str, message: str) -> None:
@@ -197,3 +201,43 @@ def test_only_what_no_rig_could_be_is_called_wrong() -> None:
     assert not ScaleCheck(1.01, 0.001, 3).wrong  # a rig that drifted
     assert not ScaleCheck(1.05, 0.02, 3).wrong  # not sure enough
     assert not replace(ScaleCheck(0.75, 0.002, 3), ratio=1.0).wrong
+
+
+def test_a_bar_of_two_lengths_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bars.csv").write_text("first,second,length_m\n1,2,0.5\n2,1,0.6\n")
+    with pytest.raises(InputError, match=r"line 3: bar 2-1 has two lengths, 0.5 and 0.6 m"):
+        markers(tmp_path, Known(bars=tmp_path / "bars.csv"))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "cells", "others", "said"),
+    [
+        (0.001, 8, (), "as if given in millimeters"),
+        (0.3048, 0, (), "as if given in feet"),
+        (0.801, 8, (), "as if given with the white margin"),
+        (0.75, 6, (), "as if given with the white margin"),
+        (0.95, 8, (0.951,), "the images do not show which"),
+        (0.95, 0, (1.001,), "this length is wrong, since others differ by another factor"),
+    ],
+)
+def test_the_cause_of_a_wrong_length_is_tested(
+    ratio: float, cells: int, others: tuple[float, ...], said: str
+) -> None:
+    checks = [ScaleCheck(other, 0.001, 1) for other in others]
+    assert said in ScaleCheck(ratio, 0.001, 3, cells).cause(checks)
+
+
+def test_two_markers_of_a_number_are_found_in_a_frame() -> None:
+    square = np.array([[0.0, 0, 1], [0.2, 0, 1], [0.2, 0.2, 1], [0, 0.2, 1]])
+    one, same, other = (
+        PlacedSighting(3, "f0", square + np.array([x, 0, 0]), (0.0, 0.0)) for x in (0.0, 0.01, 0.5)
+    )
+    assert doubled([one, same, replace(other, frame="f1")]) == set()
+    assert doubled([one, same, other]) == {3}
+
+
+def test_surveyed_positions_in_another_unit_are_named() -> None:
+    places = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.1, 0.0), 3: (0.2, 0.8, 0.1), 4: (0.9, 0.9, 0.0)}
+    found = [PlacedMarker(number, 3, *place, 0.001, 0.2, 0.001) for number, place in places.items()]
+    feet = {number: np.array(place) / 0.3048 for number, place in places.items()}
+    assert control_fit(found, feet).doubt.endswith("as if given in feet")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from stereo_seecolor.color.photometry.light_of_frames import Parts, offset_between
 from stereo_seecolor.records import Capture
 
@@ -25,6 +26,12 @@ class RecordSettings:
     """Least standard deviation (logarithm) of records; smaller ones are not used."""
     left: float = 0.8
     """Largest remaining fraction of the offsets between frames, as for gains."""
+    misread_left: float = 0.4
+    """The same of records in another reading: of several one explains half by chance."""
+    frames: int = 2
+    """Frames by which a table may be shifted."""
+    alike: float = 1.05
+    """Readings are as likely where they leave so many times as much."""
 
 
 SETTINGS = RecordSettings()
@@ -56,3 +63,24 @@ def offsets_about(parts: Parts, recorded: Array) -> tuple[float, float]:
 def explain(offsets: tuple[float, float]) -> bool:
     """Whether subtracting the records lowers the ``offsets_about`` enough."""
     return offsets[1] < SETTINGS.left * offsets[0]
+
+
+def misread(parts: Parts, recorded: Array) -> str:
+    """How records that explain nothing as read would: as reciprocals, or as those of a frame
+    before or after; "" where they would not, or do as read.
+
+    Of several the one that leaves least is named, with those that leave about as much.
+    """
+    readings = {"as reciprocals (60 for 1/60 s)": -recorded}
+    for frames in range(1, SETTINGS.frames + 1):
+        for by, of in ((frames, "before"), (-frames, "after")):
+            other = np.roll(recorded, by)
+            other[: max(by, 0)] = 0
+            other[len(other) + min(by, 0) :] = 0
+            readings[f"as those of {counted(frames, 'frame')} {of}"] = other
+    offsets = {name: offsets_about(parts, other) for name, other in readings.items()}
+    best = min(offsets, key=lambda name: offsets[name][1])
+    if offsets[best][1] > SETTINGS.misread_left * offsets[best][0]:
+        return ""
+    alike = [name for name in offsets if offsets[name][1] <= SETTINGS.alike * offsets[best][1]]
+    return f"read {', or '.join(alike)} they would explain the differences"

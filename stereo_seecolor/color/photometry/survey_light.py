@@ -53,7 +53,8 @@ class SurveyLight:
     between neighbors, without and with the gains of all frames; None = not solved.
     recorded: True if the gains have recorded exposures as their prior.
     refused: like offsets, without and with recorded exposures, if these do not explain differences
-    between frames and are not used; else None. parts_differ: True if lines that share no spot have
+    between frames and are not used; else None. reading: how these would explain them, if read
+    otherwise. parts_differ: True if lines that share no spot have
     different light, so that only the lens is corrected.
     """
 
@@ -64,6 +65,7 @@ class SurveyLight:
     offsets: tuple[float, float] | None = None
     recorded: bool = False
     refused: tuple[float, float] | None = None
+    reading: str = ""
     parts_differ: bool = False
 
     @property
@@ -91,6 +93,7 @@ class SurveyLight:
         as_taken, about = map(_percent, self.refused)
         numbers = f"frames of one spot differ by {about} with them, {as_taken} without"
         refused = f"the exposures that the camera recorded are not used: {numbers}"
+        refused += f"; {self.reading}: correct the table" if self.reading else ""
         return f"{used}; {refused}" if used else f"light: {refused}"
 
     def _why_not(self) -> str:

@@ -2,6 +2,8 @@
 known of them.
 """
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,21 +16,26 @@ from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
-from stereo_seecolor.mapping.marker_detection import MarkerDetector
+from stereo_seecolor.mapping.marker_detection import FAMILIES, MarkerDetector
 from stereo_seecolor.mapping.marker_placing import PlacedSighting, place
 from stereo_seecolor.mapping.marker_tables import read_bars, read_places
 from stereo_seecolor.mapping.placed_markers import (
     PlacedMarker,
     ScaleCheck,
     bar_checks,
+    doubled,
     placed_markers,
     size_check,
+    two_of_a_number,
 )
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow, Trajectory
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+
+MOST_LOOKED_AT = 20
+"""Frames in which markers of other families are looked for."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,8 @@ class FoundMarkers:
     frames or more.
 
     size: known against measured edge, of all markers. bars: the same of each scale bar, by its
-    ends. control: fit to the surveyed places. None where nothing is known.
+    ends. control: fit to the surveyed places. None where nothing is known. doubts: lines for
+    numbers that two markers have. not_found: bars by their ends.
     """
 
     frames: int
@@ -58,12 +66,16 @@ class FoundMarkers:
     bars: dict[str, ScaleCheck]
     control: ControlFit | None
     files: tuple[Path, ...] = ()
+    doubts: tuple[str, ...] = ()
+    not_found: tuple[str, ...] = ()
 
     @property
     def wrong(self) -> bool:
-        """Whether a given length cannot be right, or surveyed places do not fit the map."""
+        """Whether a given length cannot be right, surveyed places do not fit the map, or there are
+        doubts.
+        """
         return any(check.wrong for check in (self.size, *self.bars.values()) if check) or bool(
-            self.control and self.control.doubt
+            self.doubts or (self.control and self.control.doubt)
         )
 
 
@@ -87,10 +99,14 @@ def markers(
     places = read_places(known.points, posed.map.origin) if known.points else None
     shift = pose(np.eye(3), posed.offset_m)
     T = {frame.name: shift @ T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
-    found = tuple(placed_markers(_observations(posed, detector, listener or Silence()), T))
-    if not found:
+    seen = _observations(posed, detector, listener or Silence())
+    twice = doubled(seen)
+    found = tuple(placed_markers([one for one in seen if one.number not in twice], T))
+    if not found and not twice:
+        families = [name for name in FAMILIES if name != known.family and _shows(posed, name)]
+        others = f"the frames show {', or '.join(families)}" if families else "nor of another one"
         raise InputError(
-            f"{out}: shows no marker of {known.family} in two frames or more: another --family?"
+            f"{out}: shows no marker of {known.family} in two frames or more: {others}"
         )
     checks = {
         f"{first}-{second}": check for (first, second), check in bar_checks(found, bars).items()
@@ -98,13 +114,39 @@ def markers(
     result = FoundMarkers(
         frames=len(posed.frames),
         markers=found,
-        size=size_check(found, known.edge_m) if known.edge_m else None,
+        size=size_check(found, known.edge_m, detector.cells) if known.edge_m else None,
         bars=checks,
         control=control_fit(found, places.points, places.stds_m) if places else None,
+        doubts=_doubts(found, twice),
+        not_found=tuple(f"{a}-{b}" for a, b in bars if f"{a}-{b}" not in checks),
     )
     if result.control and result.control.is_upside_down(found, np.array(list(T.values()))):
         raise InputError(f"{known.points}: {UPSIDE_DOWN}")
     return _written(result, T, folder) if folder else result
+
+
+def _doubts(found: Sequence[PlacedMarker], twice: set[int]) -> tuple[str, ...]:
+    return (
+        *([two_of_a_number(sorted(twice))] if twice else []),
+        *(
+            f"the observations of marker {marker.number} lie {marker.residual_m:.2f} m apart: two "
+            "markers of one number, or a track that drifted"
+            for marker in found
+            if marker.residual_m > marker.edge_m
+        ),
+    )
+
+
+def _shows(posed: PosedRun, family: str) -> bool:
+    """Tell whether two frames show the same marker of a family; every few frames of a long dive."""
+    detector, frames, seen = MarkerDetector(family), SurveyFrames(posed.run), set[int]()
+    for number in range(0, len(frames), -(-len(frames) // MOST_LOOKED_AT)):
+        with suppress(FrameError):
+            numbers = {one.number for one in detector.find(frames[number].color)}
+            if numbers & seen:
+                return True
+            seen |= numbers
+    return False
 
 
 def _observations(

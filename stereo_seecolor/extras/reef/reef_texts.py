@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from stereo_seecolor.extras.reef.markers import FoundMarkers
     from stereo_seecolor.extras.reef.measure import Measurement
     from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
-    from stereo_seecolor.mapping.placed_markers import ScaleCheck
 
 
 def metrics_text(result: "SiteMetrics") -> str:
@@ -204,12 +203,11 @@ def markers_text(markers: "FoundMarkers") -> str:
     checks = ([("edges", markers.size)] if markers.size else []) + [
         (f"bar {name}", check) for name, check in markers.bars.items()
     ]
-    text += [
-        lines(
-            f"{name}: measured divided by given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}"
+    for name, check in checks:
+        doubt = f": {check.cause(one for _, one in checks)}" if check.wrong else ""
+        text.append(
+            lines(f"{name}: measured divided by given {check.ratio:.4f} +- {check.std:.4f}{doubt}")
         )
-        for name, check in checks
-    ]
     if markers.control:
         text.append(
             lines(
@@ -218,11 +216,11 @@ def markers_text(markers: "FoundMarkers") -> str:
             )
         )
         text += [lines(markers.control.doubt)] if markers.control.doubt else []
+    text += [lines(doubt) for doubt in markers.doubts]
+    if markers.not_found:
+        bars = ", ".join(markers.not_found)
+        text.append(lines(f"bars of which a marker was not found in two frames: {bars}"))
     return "\n".join(text) + "".join(f"  {path}\n" for path in markers.files)
-
-
-def _doubt(check: "ScaleCheck") -> str:
-    return ": impossible for a rig: is the given size wrong?" if check.wrong else ""
 
 
 def measures_text(results: "list[Measurement]") -> str:

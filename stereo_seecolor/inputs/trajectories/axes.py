@@ -4,9 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.geometry import pose
-
-R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+from stereo_seecolor.geometry import R_ENU_NED, pose
 
 
 def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:

@@ -30,6 +30,8 @@ from stereo_seecolor.inputs.trajectories.vehicle_track import (
 )
 from stereo_seecolor.records import Trajectory
 
+Array = NDArray[np.float64]
+
 ROLES = {
     "name": "the image's file name",
     "time": "seconds since 1970 (or ms, us, ns), or ISO 8601; with date or us_date, h:m:s",
@@ -64,6 +66,10 @@ _CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
 """A time of day, as h:m:s or hhmmss."""
 UNKNOWN_HEADING, _MESSAGE = 65535, "global_position_int"
 """Of MAVLink."""
+LEAST_HELD, HELD = 3, 0.5
+"""Rows with one position, and the fraction of positions that have so many, of a receiver that
+repeats its last fix.
+"""
 MAX_GAP_S = 10.0
 """Acoustic positions come every few seconds; further apart, what lies between is not known."""
 
@@ -202,7 +208,11 @@ def read_together(
 
 
 def _step_m(table: Table, columns: Mapping[str, str]) -> float:
-    return step_of(table.text(columns["lat"].lower())) if "lat" in columns else 0.0
+    if "lat" in columns:
+        return step_of(table.text(columns["lat"].lower()))
+    if "north" in columns:
+        return step_of(table.text(columns["north"].lower()), unit(columns["north"]))
+    return 0.0
 
 
 def _at_times(times_s: Column, own_s: Column, values: Column, is_angle: bool) -> Column:
@@ -288,6 +298,7 @@ def _camera(
         if "lat" in values
         else (np.column_stack([values.get("north", zeros), values.get("east", zeros)]), None)
     )
+    north_east_m, held_s = _between_changes(times_s, north_east_m)
     fixes = roles <= _FIXES
     attitude_deg = np.column_stack(
         [values.get(role, zeros) for role in ("roll", "pitch", "heading")]
@@ -301,7 +312,33 @@ def _camera(
         origin,
         position_step_m,
     ).camera(MountConfig() if fixes else mount)
-    return replace(track, fixes=fixes)
+    note = f"the positions repeat for up to {held_s:.1f} s: read as they change" if held_s else ""
+    return replace(track, fixes=fixes, notes=(note,) if note else ())
+
+
+def _between_changes(times_s: Column, north_east_m: Array) -> tuple[Array, float]:
+    """Positions (N, 2) of a receiver that repeats each until the next one: linear in time between
+    the rows at which they change; and the longest time that one is repeated, 0 where none is.
+
+    Longer ones than MAX_GAP_S stay, as of a vehicle that rests.
+    """
+    known = np.flatnonzero(np.isfinite(times_s) & np.isfinite(north_east_m).all(axis=1))
+    if len(known) < 2 or (np.diff(times_s[known]) <= 0).any():
+        return north_east_m, 0.0
+    same = (np.diff(north_east_m[known], axis=0) == 0).all(axis=1)
+    changed = np.flatnonzero(np.concatenate([[True], ~same]))
+    gap_s = np.diff(times_s[known[changed]])
+    rows = np.diff(changed)
+    held = (rows >= LEAST_HELD) & (gap_s <= MAX_GAP_S)
+    if not held.any() or held.mean() < HELD:
+        return north_east_m, 0.0
+    found = north_east_m.copy()
+    for first, last in zip(changed[:-1][held], changed[1:][held], strict=True):
+        ends = known[[first, last]]
+        own = known[first : last + 1]
+        for axis in range(2):
+            found[own, axis] = np.interp(times_s[own], times_s[ends], north_east_m[ends, axis])
+    return found, float(gap_s[held].max())
 
 
 def _missing(columns: Mapping[str, str]) -> list[str]:

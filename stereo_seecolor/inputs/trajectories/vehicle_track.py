@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import north_east_from_degrees
+from stereo_seecolor.geometry import pose
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
@@ -42,10 +43,10 @@ class VehicleTrack:
     def camera(self, mount: MountConfig) -> Trajectory:
         """The raw camera's poses in east-north-up, z zero at the water's surface."""
         R_ned_vehicle = rotation_from_euler(*np.radians(self.attitude_deg.T))
-        position = np.column_stack(
-            [self.north_east_m, self.depth_m]
-        ) + R_ned_vehicle @ mount_offset_m(mount)
-        T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
+        T_vehicle_camera = pose(mount_rotation(mount), mount_offset_m(mount))
+        place = np.column_stack([self.north_east_m, self.depth_m])
+        T_ned = pose(R_ned_vehicle, place) @ T_vehicle_camera
+        T = poses_from_ned(T_ned[:, :3, :3], T_ned[:, :3, 3])
         return Trajectory(
             self.names,
             self.timestamps_s,
@@ -53,6 +54,7 @@ class VehicleTrack:
             origin=self.origin,
             camera="raw",
             position_step_m=self.position_step_m,
+            T_vehicle_camera=T_vehicle_camera,
         )
 
 
@@ -60,20 +62,21 @@ METERS_PER_DEGREE = 111_000.0
 """Of latitude."""
 
 
-def step_of(latitudes: Sequence[str]) -> float:
-    """What degrees are rounded to: one of the last digit that any of them has.
+def step_of(cells: Sequence[str], unit_m: float = METERS_PER_DEGREE) -> float:
+    """What numbers are rounded to: one of the last digit that any of them has.
 
     Args:
-        latitudes: As written: ``14.685`` or ``14 41.10``.
+        cells: As written: ``14.685`` or ``14 41.10``.
+        unit_m: Meters a unit of the first number; degrees of latitude by default.
 
     Returns:
         The step, meters; 0 without numbers.
     """
-    parts = [re.findall(r"\d+(?:\.\d+)?", text) for text in latitudes if "e" not in text.lower()]
+    parts = [re.findall(r"\d+(?:\.\d+)?", text) for text in cells if "e" not in text.lower()]
     digits = [(len(p), len(p[-1].partition(".")[2])) for p in parts if p]
     if not digits:
         return 0.0
-    return float(METERS_PER_DEGREE * min(60.0 ** (1 - n) * 10.0**-d for n, d in digits))
+    return float(unit_m * min(60.0 ** (1 - n) * 10.0**-d for n, d in digits))
 
 
 def from_degrees(

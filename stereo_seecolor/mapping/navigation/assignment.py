@@ -211,38 +211,41 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
         warnings.append(f"time stamps that repeat: {repeated} left out, the first of each kept")
     if (np.diff(trajectory.timestamps_s[finite]) < 0).any():
         warnings.append("the trajectory's poses are out of order: they were sorted by time")
-    T = np.full((len(index.names), 4, 4), np.nan)
-    reasons: dict[int, str] = {}
-    for i, time_s in enumerate(index.timestamps_s):
-        pose = _at(times, poses, time_s, FARTHEST_POSE_S)
-        if pose is None:
-            reasons[i] = (
-                "it has no time stamp"
-                if np.isnan(time_s)
-                else f"the trajectory has no pose within {FARTHEST_POSE_S:g} s"
-            )
-        else:
-            T[i] = pose
+    T = _at(times, poses, index.timestamps_s, FARTHEST_POSE_S)
+    reasons = {
+        int(i): "it has no time stamp"
+        if np.isnan(index.timestamps_s[i])
+        else f"the trajectory has no pose within {FARTHEST_POSE_S:g} s"
+        for i in np.flatnonzero(~_finite(T))
+    }
     return Assignment(T, reasons, warnings)
 
 
 def _at(
-    times: NDArray[np.float64], poses: NDArray[np.float64], time_s: float, max_gap_s: float
-) -> NDArray[np.float64] | None:
-    if np.isnan(time_s) or not len(times):
-        return None
-    after = int(np.searchsorted(times, time_s))
-    nearest = min(
-        (i for i in (after - 1, after) if 0 <= i < len(times)), key=lambda i: abs(times[i] - time_s)
-    )
-    if abs(times[nearest] - time_s) <= END_TOLERANCE_S and (
-        after in (0, len(times)) or times[nearest] == time_s
-    ):
-        return np.asarray(poses[nearest])
-    if after in (0, len(times)) or times[after] - times[after - 1] > max_gap_s:
-        return None
-    fraction = (time_s - times[after - 1]) / (times[after] - times[after - 1])
-    return interpolate(poses[after - 1], poses[after], float(fraction))
+    times: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    wanted_s: NDArray[np.float64],
+    max_gap_s: float,
+) -> NDArray[np.float64]:
+    """The poses at other times (M,): between two, with constant velocities; NaN in longer gaps, and
+    before the first and after the last pose.
+    """
+    T = np.full((len(wanted_s), 4, 4), np.nan)
+    if not len(times):
+        return T
+    near = np.clip(wanted_s, times[0], times[-1])
+    after = np.clip(np.searchsorted(times, near), 0, len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    exact = times[after] == near
+    before[exact] = after[exact]
+    gap_s = times[after] - times[before]
+    known = (np.abs(near - wanted_s) <= END_TOLERANCE_S) & (gap_s <= max_gap_s)
+    if not known.any():
+        return T
+    after, before, near = after[known], before[known], near[known]
+    part = (near - times[before]) / np.where(gap_s[known] > 0, gap_s[known], 1)
+    T[known] = interpolate(poses[before], poses[after], part)
+    return T
 
 
 def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -10,26 +10,46 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
 from stereo_seecolor.mapping.navigation.deviations import deviations
 from stereo_seecolor.mapping.navigation.interpretations import (
-    INVERTED,
-    better_interpretation,
+    PoseReading,
+    best_readings,
     interpretations,
-    is_rather_inverted,
+    named,
 )
-from stereo_seecolor.mapping.navigation.motions import Motions, by_frame, depth_difference_m, misfit
-from stereo_seecolor.mapping.navigation.mount import Turn, constant_turn, lever_arm, mount_with
+from stereo_seecolor.mapping.navigation.motions import Motions, by_frame, depth_difference_m
+from stereo_seecolor.mapping.navigation.mount import (
+    North,
+    Turn,
+    constant_turn,
+    lever_arm,
+    mount_with,
+    north_of,
+)
+from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
-from stereo_seecolor.robust_statistics import deviation_about_zero
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION, deviation_about_zero
 
 Array = NDArray[np.float64]
 
 TURN_HELPS = 0.9
 """A constant turn must leave at most this fraction of the misfit."""
+READ_RIGHTLY = 0.06
+"""Poses that fit to so much, between neighbors and over spans together, are read rightly."""
+BETTER, BEATS_A_TURN = 0.6, 0.8
+"""Of the misfit another reading must leave less; and of what a turn leaves, where that helps as
+well: the turn's three angles were fitted.
+"""
+LESS_COST = 0.9
+"""Of two that leave about the same median the one whose cost is so much less fits better."""
+ALIKE_MISFIT = 1.15
+"""Two explanations are alike where one leaves at most so much more."""
 MAX_TURN_RAD = np.radians(20.0)
 """No compass or gyroscope is off by this much between neighbors."""
 MOVES_M, STILL = 0.05, 0.01
@@ -40,6 +60,10 @@ ROUNDING = 1.0
 """Of the step that positions are rounded to: two rounded positions differ by up to 1.4 of it from
 what they were, by half of it in the median, and no other reading is asked for.
 """
+STUCK, STUCK_SCATTER = 0.25, 0.5
+"""Positions that move by less than this fraction, and of that movement by more than this otherwise
+than in the pictures, stay at one place.
+"""
 STILL_RAD = 1e-6
 """Attitudes that differ by less are one number."""
 ALIKE = (
@@ -47,6 +71,12 @@ ALIKE = (
     "positions, give only these, as a table with a column map "
     "(nav.csv:time=...,lat=...,lon=...)"
 )
+FAR_OFF, ROUNDS = 8.0, 5
+"""Standard deviations by which a position along an axis is far off: an outlier is no prior. They
+are found in so many rounds.
+"""
+LEAST_OFF_M = 0.05
+"""Standard deviation of positions, at least: less is no more than navigation's noise."""
 MIN_FRAMES = 5
 """Fewer do not tell standard errors: the configuration's, or these, are taken."""
 UNKNOWN_STD = (0.5, 0.05, np.radians(1.0))
@@ -126,61 +156,146 @@ def examine(
     edges: Sequence[Edge],
     trajectory: Trajectory,
     config: MappingConfig,
+    own: Placement | None = None,
 ) -> ComparedNavigation:
-    """Hold given poses against measured edges; find the reading, or the mount's angle, that would
-    fit where they do not.
+    """Hold given poses against measured edges, and against the track by the pictures alone
+    (``own``) where it is known; find the reading, or the mount's angle, that would fit where they
+    do not.
+
+    What is named was tested against all other readings; of those that fit as well all are named.
     """
     T = given.T_world_camera
-    posed = [e for e in edges if np.isfinite(T[[e.i, e.j]]).all()]
-    motions = Motions.of(T, posed)
-    navigation = _residuals(motions, posed, survey)
-    count = len(T)
+    seen = SeenMotion.of(T, edges, own, survey.index.order)
+    motions = Motions.of(T, seen.edges)
+    navigation = _residuals(motions, seen.edges, survey)
     position_m, attitude_deg = (
-        by_frame(motions.position_m, posed, count),
-        by_frame(np.degrees(motions.attitude_rad), posed, count),
+        by_frame(values, seen.edges, len(T))
+        for values in (motions.position_m, np.degrees(motions.attitude_rad))
     )
     verdict = ComparedNavigation(navigation, given, position_m, attitude_deg)
-    plain = misfit(T, posed)
+    plain = seen.misfit(T)
     if not np.isfinite(plain):
         return verdict
     step_m = trajectory.position_step_m
-    if still := _still(T, posed, motions, step_m):
-        return _unfit(verdict, still)
-    if parts := wrong_parts(T, posed, survey.index):
-        return _unfit(verdict, "; ".join(parts))
-    turn = constant_turn(motions)
-    turned = T.copy()
-    turned[:, :3, :3] = T[:, :3, :3] @ turn.R
-    left = misfit(turned, posed)
-    helps = turn.believed and left < TURN_HELPS * plain
-    rounded = navigation.position_residual_m < ROUNDING * step_m
-    best = left if helps else plain
-    others = interpretations(T, posed, survey.index, trajectory, config)
-    reading = None if rounded else better_interpretation(best, posed, others)
-    if not reading and helps and is_rather_inverted(turned, turn, T, posed):
-        reading = INVERTED
-    if reading:
-        return _unfit(verdict, f"{CONTRADICTED}; they would fit with {reading}")
-    if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
-        return _unfit(
-            verdict, (f"{CONTRADICTED}, under every interpretation: do they belong to this dive?")
+    still = _still(T, seen, step_m)
+    if wrong := still or "; ".join(wrong_parts(T, seen, survey.index)):
+        return _unfit(verdict, wrong)
+    correction = _correction(T, seen, plain, config)
+    is_rounded = navigation.position_residual_m < ROUNDING * step_m
+    readings = []
+    if plain > READ_RIGHTLY and not is_rounded:
+        others = interpretations(T, seen, survey.index, trajectory, config)
+        readings = best_readings(seen, others)
+    straight = correction.T
+    if wrong := _misread(T, seen, readings, correction, plain):
+        return _unfit(verdict, f"{CONTRADICTED}{wrong}")
+    if contradiction := seen.contradiction(straight, step_m):
+        return _unfit(verdict, f"{CONTRADICTED}: {contradiction}: do they belong to this dive?")
+    advice_lines = list(correction.advice)
+    if advice_lines and readings and _are_alike(readings, correction, plain):
+        advice_lines[-1] += f"; or, as likely, {named(readings)}"
+    advice_lines += _deviations(straight, seen, survey.index, step_m if is_rounded else 0.0)
+    return replace(
+        verdict,
+        navigation=replace(navigation, advice="; ".join(advice_lines)),
+        placement=replace(given, T_world_camera=straight),
+    )
+
+
+def _misread(
+    T: Array,
+    seen: SeenMotion,
+    readings: Sequence[PoseReading],
+    correction: "_Correction",
+    plain: float,
+) -> str:
+    """What to say of poses that are another reading's, or have wrong heights, or are no reading's;
+    "" of others. T: as read.
+    """
+    best, left = readings[0].misfit if readings else np.inf, correction.misfit
+    is_better = best < (BEATS_A_TURN if correction.advice else BETTER) * left
+    if correction.advice and best < ALIKE_MISFIT * left:  # whose numbers were fitted
+        is_better |= seen.cost(readings[0].T) < LESS_COST * seen.cost(correction.T)
+    if is_better and best < BETTER * plain:
+        return f"; they would fit with {named(readings)}"
+    attitude_rad = float(np.median(Motions.of(correction.T, seen.edges).attitude_rad))
+    if attitude_rad > MAX_TURN_RAD:
+        off_deg = np.degrees(attitude_rad)
+        return (
+            f", under every interpretation (by {off_deg:.0f} degrees between neighbors): do they "
+            "belong to this dive?"
         )
-    advice_lines = [_turn_advice(turn, config)] if helps else []
-    straight = turned if helps else T
-    arm_m = lever_arm(Motions.of(straight, posed))
-    if arm_m is not None:
-        straight = straight @ pose(np.eye(3), -arm_m)
-        advice_lines.append(_lever_advice(arm_m))
-    advice_lines += deviations(straight, posed, survey.index) if not rounded else []
-    if rounded and step_m > LEAST_STD[0]:
-        advice_lines.append(
+    depths = wrong_depths(T, seen) or wrong_depths(correction.T, seen)
+    return f": {depths}" if depths else ""
+
+
+def _are_alike(readings: Sequence[PoseReading], correction: "_Correction", plain: float) -> bool:
+    best = readings[0].misfit
+    return best < BETTER * plain and best <= ALIKE_MISFIT * correction.misfit
+
+
+def _deviations(T: Array, seen: SeenMotion, index: FrameIndex, step_m: float) -> list[str]:
+    """Lines for what is off in poses that are read rightly. step_m: that positions are rounded to,
+    where this is more than they are off.
+    """
+    level = constant_depths(T, seen)
+    lines = [level] if level else []
+    if not step_m:
+        return lines + deviations(T, seen.edges, index)
+    if step_m > LEAST_STD[0]:
+        lines.append(
             f"the given positions are rounded to {step_m:.2g} m, and their weight is limited by "
             "that: write more digits"
         )
-    used = replace(given, T_world_camera=straight)
-    return replace(
-        verdict, navigation=replace(navigation, advice="; ".join(advice_lines)), placement=used
-    )
+    return lines
+
+
+@dataclass(frozen=True, eq=False)
+class _Correction:
+    """Given poses with the errors taken out that the pictures show. T: (N, 4, 4). advice: a line
+    for each error; none where nothing was corrected.
+    """
+
+    T: Array
+    misfit: float
+    advice: tuple[str, ...] = ()
+
+
+def _correction(T: Array, seen: SeenMotion, plain: float, config: MappingConfig) -> _Correction:
+    """The camera turned on its vehicle, headings turned against positions, a lever arm: the fewest
+    that explain the most. Turns of both kinds are named where both fit.
+    """
+    edges = [*seen.edges, *seen.spans]
+    turn, north = constant_turn(Motions.of(T, edges)), north_of(T, seen.spans or seen.edges)
+    turned = T.copy()
+    turned[:, :3, :3] = T[:, :3, :3] @ turn.R
+    is_compass = north.believed and abs(north.angle_rad) < MAX_TURN_RAD
+    found = [
+        _Correction(corrected, seen.misfit(corrected), (advice,))
+        for believed, corrected, advice in (
+            (turn.believed, turned, _turn_advice(turn, config)),
+            (is_compass, north.undone(T), _north_advice(north)),
+        )
+        if believed
+    ]
+    found = [one for one in found if one.misfit < TURN_HELPS * plain]
+    found.sort(key=lambda one: one.misfit)
+    if len(found) == 2 and found[1].misfit < ALIKE_MISFIT * found[0].misfit:
+        found[0] = replace(
+            found[0], advice=("; or, as likely, ".join(one.advice[0] for one in found),)
+        )
+    chains = [_with_lever_arm(one, seen) for one in (_Correction(T, plain), *found[:1])]
+    return min(chains, key=lambda one: one.misfit * ALIKE_MISFIT ** len(one.advice))
+
+
+def _with_lever_arm(before: _Correction, seen: SeenMotion) -> _Correction:
+    """The poses of the camera where they are of another point of the vehicle."""
+    arm_m = lever_arm(Motions.of(before.T, seen.spans or seen.edges))
+    if arm_m is None:
+        return before
+    T = before.T @ pose(np.eye(3), -arm_m)
+    after = _Correction(T, seen.misfit(T), (*before.advice, _lever_advice(arm_m)))
+    return after if after.misfit < before.misfit else before
 
 
 def _unfit(verdict: ComparedNavigation, advice: str) -> ComparedNavigation:
@@ -189,23 +304,27 @@ def _unfit(verdict: ComparedNavigation, advice: str) -> ComparedNavigation:
 
 def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prior]:
     """The given poses as priors, with the configuration's standard errors, or those that the dive
-    itself shows.
+    itself shows; without positions that are far off by these.
 
     own: placed by the pictures alone. Each of its components is brought to the given poses by one
     rigid motion; what is left is their error, the own track's drift included.
     """
     offsets, turns = [], []
+    used = given.components >= 0
     for component in range(len(own.sizes)):
-        frames = [i for i in own.frames_of(component) if given.components[i] >= 0]
+        frames = own.frames_of(component)
+        frames = frames[given.components[frames] >= 0]
         if len(frames) < MIN_FRAMES:
             continue
-        moved = move_to_given(own.T_world_camera, given.T_world_camera, frames)[frames]
+        moved, kept = moved_to_given(own.T_world_camera, given.T_world_camera, frames)
+        used[frames[~kept]] = False
+        frames = frames[kept]
         scale = np.sqrt(len(frames) / (len(frames) - 2))  # six of the numbers are fitted
-        offsets.append(scale * (given.T_world_camera[frames, :3, 3] - moved[:, :3, 3]))
+        offsets.append(scale * (given.T_world_camera[frames, :3, 3] - moved[frames, :3, 3]))
         turns.append(
             scale
             * rotation_vector(
-                np.swapaxes(moved[:, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]
+                np.swapaxes(moved[frames, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]
             )
         )
     estimated = np.array(UNKNOWN_STD)
@@ -220,22 +339,32 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
         )
     position, depth, attitude = np.maximum(estimated, LEAST_STD)
     position = config.prior_position_std_m or position
-    placed = np.flatnonzero(given.components >= 0)
     return [
         Prior(
             int(i), given.T_world_camera[i], np.array([position, position, depth]), float(attitude)
         )
-        for i in placed
+        for i in np.flatnonzero(used)
     ]
 
 
-def move_to_given(T: Array, given: Array, frames: Sequence[int]) -> Array:
+def moved_to_given(
+    T: Array, given: Array, frames: NDArray[np.int64]
+) -> tuple[Array, NDArray[np.bool_]]:
     """T (N, 4, 4) as a whole brought to the given poses of some frames: mean turn, then mean
-    position.
+    position; and which of the frames have positions that are not far off by that.
     """
-    R = nearest_rotation((given[frames] @ inverse(T[frames]))[:, :3, :3].mean(axis=0))
-    shift = given[frames, :3, 3].mean(axis=0) - R @ T[frames, :3, 3].mean(axis=0)
-    return np.asarray(pose(R, shift) @ T)
+    kept = np.ones(len(frames), np.bool_)
+    for _ in range(ROUNDS):
+        chosen = frames[kept]
+        R = nearest_rotation((given[chosen] @ inverse(T[chosen]))[:, :3, :3].mean(axis=0))
+        shifts = given[frames, :3, 3] - T[frames, :3, 3] @ R.T
+        off = shifts - np.median(shifts[kept], axis=0)
+        std_m = np.maximum(ROBUST_DEVIATION * np.median(np.abs(off[kept]), axis=0), LEAST_OFF_M)
+        now = np.asarray((np.abs(off) < FAR_OFF * std_m).all(axis=1))
+        if now.sum() < MIN_FRAMES or (now == kept).all():
+            break
+        kept = now
+    return np.asarray(pose(R, shifts[kept].mean(axis=0)) @ T), kept
 
 
 def _residuals(motions: Motions, edges: Sequence[Edge], survey: Survey) -> Navigation:
@@ -261,22 +390,32 @@ def _median(values: Array) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _still(
-    T_world_camera: Array, edges: Sequence[Edge], motions: Motions, position_step_m: float
-) -> str:
+def _still(T_world_camera: Array, seen: SeenMotion, position_step_m: float) -> str:
     """What to say of poses that stay while the pictures move: numbers that are not positions, or no
     attitudes; "" for others, and for positions rounded to more than the pictures move.
     """
+    edges = seen.spans or seen.edges
     start = T_world_camera[[e.i for e in edges], :3, :3]
-    given_m, measured_m = (
-        _median(np.linalg.norm(np.einsum("nij,nj->ni", start, shift[:, :3, 3])[:, :2], axis=1))
+    motions = Motions.of(T_world_camera, edges)
+    given, measured = (
+        np.einsum("nij,nj->ni", start, shift[:, :3, 3])[:, :2]
         for shift in (motions.given, motions.measured)
     )
-    if measured_m > max(MOVES_M, position_step_m) and given_m < STILL * measured_m:
-        return (
-            "the given positions hardly move while the images do: are they latitudes and "
-            "longitudes, instead of meters?"
-        )
+    given_m, measured_m = (_median(np.linalg.norm(one, axis=1)) for one in (given, measured))
+    if measured_m > max(MOVES_M, position_step_m) and given_m < STUCK * measured_m:
+        scale = (given * measured).sum() / max((measured**2).sum(), 1e-12)
+        unexplained_m = _median(np.linalg.norm(given - scale * measured, axis=1))
+        if unexplained_m > STUCK_SCATTER * given_m or not given_m:
+            return (
+                f"the given positions hardly move (by {given_m:.2f} m where the images move by "
+                f"{measured_m:.2f} m, medians), and otherwise than these: they stay at one place, "
+                "as of a sensor that repeats its last fix"
+            )
+        if given_m < STILL * measured_m:
+            return (
+                "the given positions hardly move while the images do: are they latitudes and "
+                "longitudes, instead of meters?"
+            )
     turns_rad = np.linalg.norm(rotation_vector(motions.measured[:, :3, :3]), axis=1)
     return ALIKE if turns_rad.max() > MAX_TURN_RAD and attitudes_equal(T_world_camera) else ""
 
@@ -295,6 +434,15 @@ def _lever_advice(arm_m: Array) -> str:
         f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera "
         f"({right:+.2f} right, {down:+.2f} down, {forward:+.2f} forward), which was taken "
         "into account: if they are positions of a vehicle, set mapping.mount.xyz_m"
+    )
+
+
+def _north_advice(north: North) -> str:
+    return (
+        f"the given headings are turned by {np.degrees(north.angle_rad):+.1f} +- "
+        f"{np.degrees(north.std_rad):.1f} degrees against the directions in which the positions "
+        "move (magnetic declination, convergence of a grid, a compass or camera mounted so): the "
+        "map is oriented by the positions"
     )
 
 

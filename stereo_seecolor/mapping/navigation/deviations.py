@@ -14,6 +14,7 @@ from stereo_seecolor.mapping.navigation.motions import (
     Motions,
 )
 from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION, weighted_median
 
 Array = NDArray[np.float64]
 
@@ -66,9 +67,8 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
     frames = len({frame for e in edges for frame in (e.i, e.j)})
     found = []
     for ratios in (along, length):
-        middle = _weighted_median(ratios, squared)
-        # a normal's standard deviation
-        scatter = 1.4826 * _weighted_median(np.abs(ratios - middle), squared)
+        middle = weighted_median(ratios, squared)
+        scatter = ROBUST_DEVIATION * weighted_median(np.abs(ratios - middle), squared)
         found.append((middle, 1.2533 * scatter / np.sqrt(frames)))  # the standard error of a median
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
@@ -79,12 +79,6 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
         "their scale is wrong, or the scale of the calibration (square size, baseline, "
         "calibrated in air)"
     ]
-
-
-def _weighted_median(values: Array, weights: Array) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:

@@ -17,6 +17,7 @@ from stereo_seecolor.geometry import (
 )
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign, clock_difference
+from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.records import Trajectory
@@ -33,6 +34,13 @@ class FixSettings:
     rounds: int = 10  # of weighted least squares; it takes 4
     # standard error of the heading: they scatter by half of what the track reaches from its middle
     most_heading_deg: float = 30.0
+    # of what a track reaches, fixes that lie closer to it need no other reading; another one must
+    # leave so much of what they are off at most, and so much of what the track reaches
+    contradicts: float = 0.1
+    better: float = 0.4
+    fits: float = 0.25
+    alike: float = 1.15  # another reading that leaves so many times as much is as likely
+    least_m: float = 1e-3
 
 
 SETTINGS = FixSettings()
@@ -58,7 +66,8 @@ def at_fixes(
     Components for which they do not tell are left out, and named. Raises MappingError if that is
     the largest one.
     """
-    fixes = assign(index, trajectory, config).T_world_camera[:, :3, 3]
+    read = assign(index, trajectory, config).T_world_camera
+    fixes = read[:, :3, 3]
     T, components, unplaced, warnings = (
         own.T_world_camera.copy(),
         own.components.copy(),
@@ -69,6 +78,10 @@ def at_fixes(
         frames = own.frames_of(component)
         fixed = frames[np.isfinite(fixes[frames]).all(axis=1)]
         fit = fit_to_fixes(T[fixed, :3, 3], fixes[fixed], config.prior_position_std_m)
+        if component == 0 and (reading := _other_reading(T, read, index, trajectory, config)):
+            raise MappingError(
+                f"the fixes contradict the images: {reading}; or make the map without --poses"
+            )
         if fit is not None:
             T[frames] = fit.T @ T[frames]
             warnings.append(
@@ -81,16 +94,90 @@ def at_fixes(
         if not len(fixed) and (fix := clock_difference(index, trajectory)):
             raise MappingError(f"no frame has a fix at its time: {fix}")
         if component == 0:
-            raise MappingError(
-                f"{reason}: the dive must be longer than their scatter; make the map without "
-                "--poses"
-            )
+            scatter = _scatter_text(T[fixed, :3, 3], fixes[fixed])
+            raise MappingError(f"{reason}{scatter}: make the map without --poses")
         unplaced += [Unplaced(index.names[i], reason) for i in frames]
         T[frames], components[frames] = np.nan, -1
     kept = components >= 0
     components[kept] = np.unique(components[kept], return_inverse=True)[1]
     placed = replace(own, T_world_camera=T, components=components, unplaced=tuple(unplaced))
     return placed.with_warnings(*warnings[:1])
+
+
+def _scatter_text(track_m: Array, fixes_m: Array) -> str:
+    if len(track_m) < SETTINGS.fewest:
+        return ""
+    scatter_m, reach_m = _off(track_m, fixes_m)
+    return (
+        f": they scatter by {scatter_m:.1f} m around it, and it reaches {reach_m:.1f} m from its "
+        "middle; no other unit, sign, order or clock that was tested fits better: they are too "
+        "inaccurate for so short a dive, or of another one"
+    )
+
+
+def _off(track_m: Array, fixes_m: Array, scaled: bool = False) -> tuple[float, float]:
+    """How far fixes (n, 3) lie from a track, median, and how far that reaches, meters. scaled: the
+    track first enlarged to them.
+    """
+    if scaled:
+        track_m = track_m * _scale(track_m, fixes_m)
+    T, arms = _weighted(track_m, fixes_m, np.ones(len(track_m)))
+    for _ in range(SETTINGS.rounds):
+        off_m = np.linalg.norm((track_m @ T[:3, :3].T + T[:3, 3] - fixes_m)[:, :2], axis=1)
+        weights = 1 / np.maximum(off_m, SETTINGS.least_m)  # the least sum of distances
+        T, arms = _weighted(track_m, fixes_m, weights)
+    return float(np.median(off_m)), float(np.sqrt((arms**2).sum(axis=1).mean()))
+
+
+def _scale(track_m: Array, fixes_m: Array) -> float:
+    """How many times as far apart fixes are: the median of pairs half of them apart."""
+    half = len(track_m) // 2
+    apart = [
+        np.linalg.norm((one[half:] - one[:-half])[:, :2], axis=1) for one in (fixes_m, track_m)
+    ]
+    return float(np.median(apart[0]) / max(np.median(apart[1]), SETTINGS.least_m))
+
+
+def _other_reading(
+    T: Array, read: Array, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
+) -> str:
+    """What to say of fixes (N, 4, 4) that fit a track far better in another unit, mirrored, in the
+    opposite order or by another clock; "" of others.
+    """
+
+    def off(fixes: Array, scaled: bool = False) -> tuple[float, float]:
+        known = np.flatnonzero(np.isfinite(fixes[:, :3, 3]).all(axis=1) & np.isfinite(T[:, 0, 3]))
+        if len(known) < max(SETTINGS.fewest, len(T) // 2):
+            return np.inf, np.nan
+        return _off(T[known, :3, 3], fixes[known, :3, 3], scaled)
+
+    plain_m, reach_m = off(read)
+    if not plain_m > SETTINGS.contradicts * reach_m:
+        return ""
+    known = np.isfinite(read[:, :3, 3]).all(axis=1) & np.isfinite(T[:, 0, 3])
+    backwards = np.full_like(read, np.nan)
+    backwards[index.order] = read[index.order[::-1]]
+    mirrored = read * np.array([-1.0, 1, 1, 1])[:, None]
+    scale = _scale(T[known, :3, 3], read[known, :3, 3])
+    readings = [
+        ("mirrored (longitudes or latitudes of the other sign, or exchanged)", off(mirrored)[0]),
+        ("in the opposite order", off(backwards)[0]),
+        (f"divided by {scale:.3g} (another unit)", off(read, scaled=True)[0]),
+    ]
+    if np.isfinite(trajectory.timestamps_s).all() and np.isfinite(index.timestamps_s).any():
+        clocks = of_other_clocks(index, trajectory, config, lambda fixes: off(fixes)[0])
+        by_clock = [(f"with {name}", off(fixes)[0]) for name, fixes in clocks]
+        # of many clocks one fits by chance
+        readings += [one for one in by_clock if one[1] < SETTINGS.contradicts * reach_m]
+    readings.sort(key=lambda one: one[1])
+    least_m = readings[0][1]
+    if least_m > min(SETTINGS.better * plain_m, SETTINGS.fits * reach_m):
+        return ""
+    alike = [name for name, off_m in readings if off_m <= SETTINGS.alike * least_m]
+    return (
+        f"they lie {plain_m:.2f} m from the track (median), and {least_m:.2f} m if read "
+        f"{'; or, as likely, '.join(alike)}"
+    )
 
 
 def fit_to_fixes(track_m: Array, fixes_m: Array, std_m: float | None) -> FixFit | None:

@@ -1,7 +1,7 @@
 """Other ways to read a trajectory's numbers, tried where the pictures contradict it."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,16 @@ from scipy.spatial.transform import Rotation
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, quaternion
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.assignment import assign
+from stereo_seecolor.mapping.navigation.angles import of_other_angles
+from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
 from stereo_seecolor.mapping.navigation.motions import (
     misfit,
-    misfits,
 )
-from stereo_seecolor.mapping.navigation.mount import Turn
+from stereo_seecolor.mapping.navigation.mount import north_of
+from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
+from stereo_seecolor.robust_statistics import weighted_median
 
 Array = NDArray[np.float64]
 
@@ -26,66 +28,92 @@ Array = NDArray[np.float64]
 class InterpretationSettings:
     """When another reading is used."""
 
-    better: float = 0.5  # another reading must leave at most this fraction of the misfit
-    misfit: float = 0.03  # poses that fit to a thirtieth of a step are read rightly
+    # of what the best reading leaves, another one that leaves so much is as likely
+    alike: float = 1.15
+    # of the many clocks that are tried one fits noise better by chance: what it may leave, in steps
+    # and relative to the clock as read
+    clock_misfit: float = 1.0
+    clock_better: float = 0.5
     frames: int = 3  # poses may belong to frames so far on
-    clock_steps: int = 12  # clocks may differ by so many times between frames,
-    clock_parts: int = 4  # searched in so many parts of it
-    edges: int = 200  # that a reading is judged by
     # steps that a scale or a turn estimated from the edges may leave: noise estimates them too
     estimated_misfit: float = 0.5
-    inverted_rad: float = 0.7  # rotations inverted turn a camera that looks down by twice its tilt
     same_unit: float = 0.05  # a scale this near to that of a unit is its
     least_scale: float = 1.25  # a calibration is nearer than that
-    # magnetic declination and the convergence of grids are named as turns from 9 degrees on
-    least_turn_rad: float = 0.15
+    # magnetic declination, the convergence of grids and compasses make less, which is corrected
+    least_turn_rad: float = 0.35
 
 
 SETTINGS = InterpretationSettings()
+CLOCK_EDGES = 60
+"""Relative poses by which each of some hundred clocks is judged."""
 
 
-def better_interpretation(
-    plain: float, edges: Sequence[Edge], others: Iterator[tuple[str, Array]]
-) -> str | None:
-    """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is
-    ``plain``; else None.
-    """
-    if not np.isfinite(plain) or plain < SETTINGS.misfit:
-        return None
-    chosen = edges[:: max(1, len(edges) // SETTINGS.edges)]
-    found, name = min(((misfit(T, chosen), name) for name, T in others), key=lambda pair: pair[0])
-    return name if found < SETTINGS.better * plain else None
+@dataclass(frozen=True, eq=False)
+class PoseReading:
+    """Another way to read poses. T: (N, 4, 4) so read."""
+
+    name: str
+    misfit: float
+    T: Array
+
+
+def best_readings(seen: SeenMotion, others: Iterable[tuple[str, Array]]) -> list[PoseReading]:
+    """The reading that fits best, then those that fit about as well."""
+    found = sorted(
+        (PoseReading(name, seen.misfit(T), T) for name, T in others), key=lambda one: one.misfit
+    )
+    most = SETTINGS.alike * found[0].misfit if found else 0.0
+    return [one for one in found if one.misfit <= most]
+
+
+def named(readings: Sequence[PoseReading]) -> str:
+    """The readings in words: the best, and those as likely."""
+    return "; or, as likely, with ".join(one.name for one in readings)
 
 
 def interpretations(
     T: Array,
-    edges: Sequence[Edge],
+    seen: SeenMotion,
     index: FrameIndex,
     trajectory: Trajectory,
     config: MappingConfig,
 ) -> Iterator[tuple[str, Array]]:
-    """List all other readings of the poses. T: (N, 4, 4) as read. edges: as the pictures show
+    """List all other readings of the poses. T: (N, 4, 4) as read. seen: as the pictures show
     them.
     """
-    if not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all():
-        yield from _at_other_times(index, trajectory, config)
-    for turned, start in (("", T), ("the quaternion's w first", w_first(T))):
+    has_clock = (
+        not any(trajectory.names)
+        and np.isfinite(trajectory.timestamps_s).all()
+        and np.isfinite(index.timestamps_s).any()
+    )
+    if has_clock:
+        most = min(SETTINGS.clock_misfit, SETTINGS.clock_better * seen.misfit(T))
+        clocks = of_other_clocks(index, trajectory, config, seen.thinned(CLOCK_EDGES).misfit)
+        yield from (one for one in clocks if seen.misfit(one[1]) < most)
+    # the rotations of a table of angles are of no quaternion or matrix
+    of_matrices = trajectory.T_vehicle_camera is None
+    starts = [("", T), ("the quaternion's w first", w_first(T))][: 1 + of_matrices]
+    for turned, start in starts:
         for name, positions in _POSITIONS.items():
             if turned or name:
+                on_earth = _ON_EARTH.get(name, "") if trajectory.origin else ""
+                on_earth += _OF_A_TABLE.get(name, "") if not of_matrices else ""
                 yield (
-                    " and ".join(text for text in (turned, name) if text),
+                    " and ".join(text for text in (turned, name) if text) + on_earth,
                     _with_positions(start, positions),
                 )
-        for name, other in (
-            ("world-to-camera poses", inverse(start)),
-            (INVERTED, _turned_back(start)),
-        ):
-            yield " and ".join(text for text in (turned, name) if text), other
-    yield from _on_other_frames(T, index)
+        if of_matrices:
+            for name, other in (
+                ("world-to-camera poses", inverse(start)),
+                (INVERTED, _turned_back(start)),
+            ):
+                yield " and ".join(text for text in (turned, name) if text), other
+    yield from of_other_angles(T, trajectory.T_vehicle_camera)
+    yield from _on_other_frames(T, index, 0 if has_clock else SETTINGS.frames)
     yield from (
         reading
-        for reading in _of_other_units_or_north(T, edges)
-        if misfit(reading[1], edges) < SETTINGS.estimated_misfit
+        for reading in (*_of_other_units(T, seen.edges), *_of_other_north(T, seen))
+        if misfit(reading[1], seen.edges) < SETTINGS.estimated_misfit
     )
 
 
@@ -110,24 +138,12 @@ def _turned_back(T: Array) -> Array:
 INVERTED = "the rotations inverted, as from world to camera"
 
 
-def is_rather_inverted(turned: Array, turn: Turn, T: Array, edges: Sequence[Edge]) -> bool:
-    """Tell whether inverted rotations explain poses at least as well as a constant turn, whose
-    three angles were fitted: of a camera that looks down, both change the tilt alone, and differ
-    where it turns about the vertical.
-
-    turned: the poses ``T`` with the turn.
-    """
-    inverted = _turned_back(T)
-    if (
-        np.radians(turn.angle_deg) > SETTINGS.inverted_rad
-        or misfit(inverted, edges) > SETTINGS.estimated_misfit
-    ):
-        return False
-    costs = (np.log1p(misfits(poses, edges) ** 2).mean() for poses in (inverted, turned))
-    return bool(next(costs) < next(costs))
-
-
-_PER_METER = {"feet": 1 / 0.3048, "centimeters": 100.0, "millimeters": 1000.0}
+_PER_METER = {
+    "in feet": 1 / 0.3048,
+    "in centimeters": 100.0,
+    "in millimeters": 1000.0,
+    "in degrees with minutes as decimals (14.30 for 14 degrees 30 minutes)": 0.6,
+}
 
 _POSITIONS: dict[str, Callable[[Array], Array]] = {
     "": lambda p: p,
@@ -136,7 +152,16 @@ _POSITIONS: dict[str, Callable[[Array], Array]] = {
     "y mirrored": lambda p: p * [1, -1, 1],
     "z pointing down": lambda p: p * [1, 1, -1],
     "positions north-east-down": lambda p: p[:, [1, 0, 2]] * [1, 1, -1],
+    "depths in feet": lambda p: p * [1, 1, 0.3048],
+    "depths in centimeters": lambda p: p * [1, 1, 0.01],
+    "depths in millimeters": lambda p: p * [1, 1, 0.001],
 }
+_ON_EARTH = {
+    "x and y swapped": " (latitude and longitude exchanged)",
+    "x mirrored": " (longitudes of the other sign)",
+    "y mirrored": " (latitudes of the other sign)",
+}
+_OF_A_TABLE = {"z pointing down": " (heights or altitudes in place of depths)"}
 
 
 def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:
@@ -145,16 +170,26 @@ def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:
     return result
 
 
-def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Array]]:
-    """Positions times a number, and turned about the vertical against the attitudes: both estimated
-    by least squares.
-    """
+def _of_other_north(T: Array, seen: SeenMotion) -> Iterator[tuple[str, Array]]:
+    """Headings turned against the positions by more than a compass is off."""
+    north = north_of(T, seen.spans or seen.edges)
+    if abs(north.angle_rad) > SETTINGS.least_turn_rad:
+        yield (
+            f"positions rotated by {np.degrees(-north.angle_rad):+.0f} degrees about the "
+            "vertical, or headings by the opposite angle",
+            north.undone(T),
+        )
+
+
+def _of_other_units(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Array]]:
+    """Positions times a number, the median of what the edges show."""
     posed = [edge for edge in edges if np.isfinite(T[[edge.i, edge.j]]).all()]
     if not posed:
         return
     given_m = np.array([T[edge.j, :3, 3] - T[edge.i, :3, 3] for edge in posed])
     measured_m = np.array([T[edge.i, :3, :3] @ edge.T_i_j[:3, 3] for edge in posed])
-    scale = float((given_m * measured_m).sum() / max((measured_m**2).sum(), 1e-12))
+    squared = (measured_m**2).sum(axis=1)
+    scale = weighted_median((given_m * measured_m).sum(axis=1) / squared, squared)
     if scale > SETTINGS.least_scale or 0 < scale < 1 / SETTINGS.least_scale:
         units = (
             unit
@@ -162,22 +197,13 @@ def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[
             if abs(scale / per_m - 1) < SETTINGS.same_unit
         )
         yield (
-            next((f"positions in {unit}" for unit in units), f"positions divided by {scale:.3g}"),
+            next((f"positions {unit}" for unit in units), f"positions divided by {scale:.3g}"),
             _with_positions(T, lambda p: p / scale),
         )
-    across = (given_m @ [1, 1j, 0]) * (measured_m @ [1, -1j, 0])
-    turn_rad = float(np.angle(across.sum()))
-    if abs(turn_rad) > SETTINGS.least_turn_rad:
-        back = Rotation.from_euler("z", -turn_rad).as_matrix()
-        name = (
-            f"positions rotated by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or "
-            "headings by the opposite angle"
-        )
-        yield name, _with_positions(T, lambda p: p @ back.T)
 
 
-def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]:
-    for steps in (s for n in range(1, SETTINGS.frames + 1) for s in (n, -n)):
+def _on_other_frames(T: Array, index: FrameIndex, frames: int) -> Iterator[tuple[str, Array]]:
+    for steps in (s for n in range(1, frames + 1) for s in (n, -n)):
         result = np.full_like(T, np.nan)
         source, target = index.order[max(steps, 0) :], index.order[max(-steps, 0) :]
         result[target[: len(source)]] = T[source[: len(target)]]
@@ -185,21 +211,3 @@ def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]
     result = np.full_like(T, np.nan)
     result[index.order] = T[index.order[::-1]]
     yield "the poses in the opposite order", result
-
-
-def _at_other_times(
-    index: FrameIndex, trajectory: Trajectory, config: MappingConfig
-) -> Iterator[tuple[str, Array]]:
-    times = np.sort(index.timestamps_s[np.isfinite(index.timestamps_s)])
-    step_s = float(np.median(np.diff(times))) / SETTINGS.clock_parts if len(times) > 1 else 0.0
-    for number in range(
-        -SETTINGS.clock_steps * SETTINGS.clock_parts,
-        SETTINGS.clock_steps * SETTINGS.clock_parts + 1,
-    ):
-        shift_s = number * step_s
-        if shift_s:
-            moved = replace(trajectory, timestamps_s=trajectory.timestamps_s + shift_s)
-            yield (
-                f"{shift_s:+.2f} s added to the times of the poses",
-                assign(index, moved, config).T_world_camera,
-            )

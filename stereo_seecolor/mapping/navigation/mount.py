@@ -2,6 +2,7 @@
 lever arm to the point whose positions are given. Both show where the camera turns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.geometry import nearest_rotation, rotation_vector
+from stereo_seecolor.geometry import nearest_rotation, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.navigation.motions import Motions
+from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION, weighted_median
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,7 @@ class MountSettings:
     # of the shifts' residuals, rms and median, an arm must leave at most this fraction: noise of
     # positions stays
     left: float = 0.5
+    north_sigmas: float = 5.0  # of the angle between headings and positions
     rounds: int = 5  # of weighting by the residuals
     # least standard errors of a shift and of a turn: what the pictures can tell
     floor_m: float = 0.002
@@ -85,6 +89,51 @@ def constant_turn(motions: Motions) -> Turn:
     return Turn(R, np.sqrt(np.diag(np.linalg.inv(information))))
 
 
+@dataclass(frozen=True)
+class North:
+    """By how much headings are turned against the directions in which positions move, radians,
+    clockwise seen from above.
+    """
+
+    angle_rad: float
+    std_rad: float
+
+    @property
+    def believed(self) -> bool:
+        """Tell whether the angle is large and significant."""
+        return abs(self.angle_rad) > max(SETTINGS.least_rad, SETTINGS.north_sigmas * self.std_rad)
+
+    def undone(self, T_world_camera: Array) -> Array:
+        """The poses with headings that fit their positions."""
+        result = T_world_camera.copy()
+        back = rotation_from_vector(np.array([0.0, 0.0, self.angle_rad]))
+        result[:, :3, :3] = back @ T_world_camera[:, :3, :3]
+        return result
+
+
+def north_of(T_world_camera: Array, edges: Sequence[Edge]) -> North:
+    """Find the angle between headings and positions; unlike a turn of the camera on its vehicle it
+    does not turn what the camera sees of its own rotation.
+    """
+    posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
+    if not posed:
+        return North(0.0, np.inf)
+    motions = Motions.of(T_world_camera, posed)
+    R = T_world_camera[[e.i for e in posed], :3, :3]
+    given, measured = (
+        np.einsum("nij,nj->ni", R, one[:, :3, 3])[:, :2] @ [1, 1j]
+        for one in (motions.given, motions.measured)
+    )
+    across = given * np.conj(measured)
+    middle = np.angle(across.sum())
+    angles, weights = np.angle(across * np.exp(-1j * middle)), np.abs(measured) ** 2
+    beside = weighted_median(angles, weights)
+    scatter = ROBUST_DEVIATION * weighted_median(np.abs(angles - beside), weights)
+    # each frame is in several edges; the standard error of a median
+    frames = len({frame for e in posed for frame in (e.i, e.j)}) / 2
+    return North(float(middle + beside), float(1.2533 * scatter / np.sqrt(frames)))
+
+
 def mount_with(turn: Turn, mount: MountConfig) -> str:
     """The settings of the mount that would take the turn in: Rz(yaw) Ry(pitch) Rx(roll) R."""
     now = Rotation.from_euler("xyz", mount.rpy_deg, degrees=True)
@@ -96,7 +145,8 @@ def lever_arm(motions: Motions) -> Array | None:
     """Estimate the vector from the camera to the point whose positions are given, (3,) in the
     camera's axes, meters; None where it is not significant.
 
-    A point at l moves by t + (R - I) l where the camera moves by R, t.
+    motions: over spans, where the camera turns the most, if they are known. A point at l moves by
+    t + (R - I) l where the camera moves by R, t.
     """
     off_m = motions.given[:, :3, 3] - motions.measured[:, :3, 3]
     turns = motions.measured[:, :3, :3] - np.eye(3)

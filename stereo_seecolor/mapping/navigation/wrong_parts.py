@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.geometry import rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.motions import Motions
+from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Array = NDArray[np.float64]
@@ -28,15 +30,20 @@ MOST_OF = 0.7
 than the rest may."""
 REVERSED = 0.3
 """Reversed, the poses of a part must leave less than this of what they leave as given."""
+STAYS = 0.2
+"""Positions and attitudes that move by less of what the images do stay,"""
+LEAST_TURN_DEG = 10.0
+"""where those turn by so much at least."""
 
 
-def wrong_parts(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
+def wrong_parts(T_world_camera: Array, seen: SeenMotion, index: FrameIndex) -> list[str]:
     """A line for each part of the track whose poses contradict the images: its first and last
-    frame, by how much, and whether the reverse order would fit.
+    frame, by how much, and what would explain it: the reverse order, positions or attitudes that
+    stay.
 
-    T_world_camera: (N, 4, 4). edges: measured, of frames with poses. Empty for a track that fits as
-    a whole, or as a whole does not.
+    T_world_camera: (N, 4, 4). Empty for a track that fits as a whole, or as a whole does not.
     """
+    edges = seen.edges
     bad = _contradicting(T_world_camera, edges)
     if bad.all() or not bad.any():
         return []
@@ -58,7 +65,7 @@ def wrong_parts(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex)
     if not parts or bad[~inside].mean() > 1 - MOST_OF:
         return []
     return [
-        _line(T_world_camera, edges, part, index) for part in parts if _is_inner(part, ends, bad)
+        _line(T_world_camera, seen, part, index) for part in parts if _is_inner(part, ends, bad)
     ]
 
 
@@ -81,22 +88,51 @@ def _is_inner(part: Sequence[int], ends: NDArray[np.int64], bad: NDArray[np.bool
     return bool(within.any() and bad[within].mean() > MOST_OF)
 
 
-def _line(
-    T_world_camera: Array, edges: Sequence[Edge], part: Sequence[int], index: FrameIndex
+def _line(T_world_camera: Array, seen: SeenMotion, part: Sequence[int], index: FrameIndex) -> str:
+    within = [edge for edge in seen.edges if edge.i in part and edge.j in part]
+    given_m = float(np.median(Motions.of(T_world_camera, within).position_m))
+    return (
+        f"the given poses from {index.names[part[0]]} to {index.names[part[-1]]} contradict the "
+        f"images, by {given_m:.2f} m per relative pose (median), and the others do not; "
+        f"{_cause(T_world_camera, seen, part, within)}"
+    )
+
+
+def _cause(
+    T_world_camera: Array, seen: SeenMotion, part: Sequence[int], within: Sequence[Edge]
 ) -> str:
-    within = [edge for edge in edges if edge.i in part and edge.j in part]
     turned = T_world_camera.copy()
     turned[part] = T_world_camera[part[::-1]]
     given_m, reversed_m = (
         float(np.median(Motions.of(T, within).position_m)) for T in (T_world_camera, turned)
     )
-    cause = (
-        f"in reverse order they would fit ({reversed_m:.2f} m): sort the rows of the track by time"
-        if reversed_m < REVERSED * given_m
-        else "they do not fit in reverse order either: do they belong to another time?"
-    )
-    return (
-        f"the given poses from {index.names[part[0]]} to {index.names[part[-1]]} contradict the "
-        f"images, by {given_m:.2f} m per relative pose (median), and the others do not; "
-        f"{cause}"
-    )
+    causes = []
+    if reversed_m < REVERSED * given_m:
+        causes.append(
+            f"in reverse order they would fit ({reversed_m:.2f} m): sort the rows of the track by "
+            "time"
+        )
+    far = [edge for edge in seen.spans if edge.i in part and edge.j in part] or within
+    motions = Motions.of(T_world_camera, far)
+    moved_m = [
+        float(np.median(np.linalg.norm(T[:, :3, 3], axis=1)))
+        for T in (motions.given, motions.measured)
+    ]
+    if moved_m[0] < STAYS * moved_m[1]:
+        causes.append(
+            f"there the positions stay at one place (they move by {moved_m[0]:.2f} m where the "
+            f"images move by {moved_m[1]:.2f} m): a sensor that repeats its last fix?"
+        )
+    to_others = [edge for edge in seen.spans if edge.i in part or edge.j in part] or within
+    motions = Motions.of(T_world_camera, to_others)
+    turned_deg = [
+        float(np.degrees(np.linalg.norm(rotation_vector(T[:, :3, :3]), axis=1)).max())
+        for T in (motions.given, motions.measured)
+    ]
+    if turned_deg[0] < STAYS * turned_deg[1] and turned_deg[1] > LEAST_TURN_DEG:
+        causes.append(
+            f"there the attitudes or headings stay (they turn by {turned_deg[0]:.0f} degrees at "
+            f"most where the images turn by {turned_deg[1]:.0f}): a sensor that stopped?"
+        )
+    none = "neither the reverse order nor a sensor that stopped explains it"
+    return "; or, as likely, ".join(causes) or none

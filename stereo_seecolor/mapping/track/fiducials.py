@@ -25,6 +25,7 @@ from stereo_seecolor.mapping.placed_markers import (
     PlacedMarker,
     ScaleCheck,
     bar_checks,
+    doubled,
     placed_markers,
     size_check,
 )
@@ -59,7 +60,8 @@ class Marks:
     """The markers found, by frame, and their measures: edge, bars by both ends' numbers,
     places with errors.
 
-    origin: of places that were given as latitude and longitude.
+    origin: of places that were given as latitude and longitude. cells: across a marker. doubled:
+    numbers that two markers have, which are not used.
     """
 
     observations: dict[int, list[PlacedSighting]]
@@ -67,6 +69,8 @@ class Marks:
     bars: dict[tuple[int, int], float]
     places: dict[int, tuple[Array, float]]
     origin: GeoOrigin | None = None
+    cells: int = 0
+    doubled: tuple[int, ...] = ()
 
     @classmethod
     def found(cls, survey: Survey, config: MarkersConfig) -> "Marks":
@@ -83,7 +87,13 @@ class Marks:
         for number, own in enumerate(survey.compute.each(look, range(count))):
             observations[number] = own
             survey.progress("looking for markers", number + 1, count)
-        return cls(observations, config.edge_m, bars, places, known.origin)
+        twice = doubled(each for own in observations.values() for each in own)
+        single = {
+            frame: [each for each in own if each.number not in twice]
+            for frame, own in observations.items()
+        }
+        cells = MarkerDetector(config.family).cells
+        return cls(single, config.edge_m, bars, places, known.origin, cells, tuple(sorted(twice)))
 
     def scaled(self, scale: float) -> "Marks":
         """Scale the ranges of the rig by a factor."""
@@ -120,7 +130,7 @@ class Marks:
         """Compare what is known with the map, by name."""
         markers = self.placed(T_world_camera)
         checks = {_name(*ends): check for ends, check in bar_checks(markers, self.bars).items()}
-        size = size_check(markers, self.edge_m) if self.edge_m else None
+        size = size_check(markers, self.edge_m, self.cells) if self.edge_m else None
         spread = _spread_check(markers, self.places)
         return checks | ({EDGES: size} if size else {}) | ({PLACES: spread} if spread else {})
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
-from stereo_seecolor.mapping.placed_markers import ScaleCheck
+from stereo_seecolor.mapping.placed_markers import ScaleCheck, two_of_a_number
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.fiducials import PLACES, SETTINGS, Marks
 from stereo_seecolor.mapping.track.odometry import Track
@@ -26,7 +26,8 @@ class MarkersFit:
     scale: factor by which the rig's ranges are taken longer, with its standard error. before,
     after: what is known against the map without and with that, by name. refused: what was not used,
     since it cannot be right. control: residuals of surveyed places.
-    origin: of these, where they were given as latitude and longitude.
+    origin: of these, where they were given as latitude and longitude. doubled: numbers of which a
+    frame shows two markers.
     """
 
     markers: int
@@ -37,6 +38,7 @@ class MarkersFit:
     refused: tuple[str, ...]
     control: ControlFit | None = None
     origin: GeoOrigin | None = None
+    doubled: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         if not self.before:
@@ -59,13 +61,15 @@ class MarkersFit:
     def warnings(self) -> tuple[str, ...]:
         """The disagreements, one line each."""
         warnings = [
-            f"{name}: the map has {self.before[name].ratio:.3f} of the given length, a larger "
-            "error than any rig has: not used; is the given length correct?"
+            f"{name}: the map has {self.before[name].ratio:.3f} of the given length: not used: "
+            f"{self.before[name].cause(self.before.values())}"
             if self.before[name].wrong
             else f"{name}: they contradict the given poses: not used; are they in the "
             "coordinates of the poses?"
             for name in self.refused
         ]
+        if self.doubled:
+            warnings.append(two_of_a_number(self.doubled))
         off, rig = abs(self.scale - 1), SETTINGS.rig_scale_std
         if off > SETTINGS.told_sigmas * rig:
             warnings.append(
@@ -103,7 +107,8 @@ def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
     )
     weights = stds**-2
     scale, std = float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)
-    return MarkersFit(len(marks.placed(T_world_camera)), scale, std, before, {}, refused)
+    found = len(marks.placed(T_world_camera))
+    return MarkersFit(found, scale, std, before, {}, refused, doubled=marks.doubled)
 
 
 def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit:
