@@ -1285,11 +1285,13 @@ def test_an_outline_that_crosses_itself_is_kept_so_that_a_corner_can_be_moved(on
 
 def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page) -> None:
     on_map.get_by_role("button", name="Terrain", exact=True).click()
-    bar = on_map.locator(".map-bar")
     at_rest(on_map)
-    value, unit = bar.inner_text().split()
+    # at once: the bar is drawn anew with the map
+    text, width = on_map.locator(".map-bar").evaluate(
+        "bar => [bar.innerText, bar.getBoundingClientRect().width]"
+    )
+    value, unit = text.split()
     length_m = float(value) / (100 if unit == "cm" else 1)
-    width = box_of(bar)["width"]
     stop_clock(on_map)
     found, places = on_map.locator(".found h2"), [""]
     for dx in (0.0, width):
