@@ -7,6 +7,8 @@ Array = NDArray[np.float64]
 
 ROBUST_DEVIATION = 1.4826
 """Standard deviation over median absolute deviation of a Gaussian."""
+MEDIAN_ERROR = 1.2533
+"""Standard error of the median over that of the mean, of a Gaussian: the root of pi / 2."""
 TUKEY = 4.685
 """Standard deviations beyond which a residual has weight 0: 95 % efficient for Gaussian residuals
 (Beaton and Tukey 1974).
@@ -33,3 +35,12 @@ def weighted_median(values: Array, weights: Array) -> float:
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def weighted_median_and_error(
+    values: Array, weights: Array, independent: float
+) -> tuple[float, float]:
+    """The weighted median, and its standard error where so many of the values are independent."""
+    middle = weighted_median(values, weights)
+    scatter = ROBUST_DEVIATION * weighted_median(np.abs(values - middle), weights)
+    return middle, float(MEDIAN_ERROR * scatter / np.sqrt(independent))

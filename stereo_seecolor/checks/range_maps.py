@@ -64,16 +64,7 @@ class _RankCorrelations:
 
 def disparities(images: DiveImages) -> DiveVerdict:
     """Range maps, the second files of pairs, in which the larger value is the nearer one."""
-    seen, turned = list[_RankCorrelations](), {how: list[float]() for how in _TURNS}
-    for pair in evenly_spaced(images.pairs, LOOKED_AT):
-        with suppress(InputError):  # the run names it
-            image = read_image(pair.left, images.config.input)
-            values = read_range_map(pair.right, images.config.input.range_units_per_m)
-            if values.shape == image.shape[:2]:
-                seen.append(_compared(image, values.astype(np.float64), images))
-                for how, (rows, columns) in _TURNS.items():
-                    other = values[::rows, ::columns].astype(np.float64)
-                    turned[how].append(_compared(image, other, images).redder)
+    seen = _looked_at(images)
     if not seen:
         return NOTHING_FOUND
     redder, clearer = (
@@ -85,10 +76,8 @@ def disparities(images: DiveImages) -> DiveVerdict:
     if not (by_water or (in_steps and redder > -REDDER)):
         return NOTHING_FOUND
     name = images.pairs[0].right.name
-    right = {
-        how: float(np.nanmean(found)) for how, found in turned.items() if np.isfinite(found).any()
-    }
-    how = min(right, key=lambda one: right[one]) if by_water and right else ""
+    right = _turned_back(images) if by_water else {}
+    how = min(right, key=lambda one: right[one], default="")
     if how and -right[how] > redder + TURNED:
         return DiveVerdict(
             (
@@ -111,12 +100,35 @@ def disparities(images: DiveImages) -> DiveVerdict:
     return DiveVerdict(
         (
             f"range: {name} holds disparities or inverse depth, {rest}: {evidence}: "
-            "convert "
-            "it first: range along the axis = focal length in pixels x baseline / disparity "
-            f"in pixels (in 16-bit files often the value / {FIXED_POINT} or / 256)",
+            "convert it first: range along the axis = focal length in pixels x baseline / "
+            f"disparity in pixels (in 16-bit files often the value / {FIXED_POINT} or / 256)",
         ),
         RANGES | COLORS,
     )
+
+
+def _looked_at(images: DiveImages, turn: tuple[int, int] = (1, 1)) -> list[_RankCorrelations]:
+    """Images spread over the dive beside their maps. turn: steps through rows and columns."""
+    seen = []
+    for pair in evenly_spaced(images.pairs, LOOKED_AT):
+        with suppress(InputError):  # the run names it
+            image = read_image(pair.left, images.config.input)
+            values = read_range_map(pair.right, images.config.input.range_units_per_m)
+            if values.shape == image.shape[:2]:
+                turned = values[:: turn[0], :: turn[1]].astype(np.float64)
+                seen.append(_compared(image, turned, images))
+    return seen
+
+
+def _turned_back(images: DiveImages) -> dict[str, float]:
+    """Rank correlation with redness of maps turned back from each turn that is known for one."""
+    redder = {
+        how: np.array([one.redder for one in _looked_at(images, turn)])
+        for how, turn in _TURNS.items()
+    }
+    return {
+        how: float(np.nanmean(found)) for how, found in redder.items() if np.isfinite(found).any()
+    }
 
 
 def _compared(image: Image, values: Array, images: DiveImages) -> _RankCorrelations:

@@ -14,7 +14,7 @@ from stereo_seecolor.mapping.navigation.motions import (
     Motions,
 )
 from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION, weighted_median
+from stereo_seecolor.robust_statistics import weighted_median_and_error
 
 Array = NDArray[np.float64]
 
@@ -65,11 +65,7 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
         np.sqrt((given**2).sum(axis=1) / squared),
     )
     frames = len({frame for e in edges for frame in (e.i, e.j)})
-    found = []
-    for ratios in (along, length):
-        middle = weighted_median(ratios, squared)
-        scatter = ROBUST_DEVIATION * weighted_median(np.abs(ratios - middle), squared)
-        found.append((middle, 1.2533 * scatter / np.sqrt(frames)))  # the standard error of a median
+    found = [weighted_median_and_error(ratios, squared, frames) for ratios in (along, length)]
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
     if not one_way or abs(scale - 1) < max(SETTINGS.least_scale, SETTINGS.sigmas * std):

@@ -13,7 +13,7 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.geometry import nearest_rotation, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION, weighted_median
+from stereo_seecolor.robust_statistics import weighted_median_and_error
 
 Array = NDArray[np.float64]
 
@@ -127,11 +127,10 @@ def north_of(T_world_camera: Array, edges: Sequence[Edge]) -> North:
     across = given * np.conj(measured)
     middle = np.angle(across.sum())
     angles, weights = np.angle(across * np.exp(-1j * middle)), np.abs(measured) ** 2
-    beside = weighted_median(angles, weights)
-    scatter = ROBUST_DEVIATION * weighted_median(np.abs(angles - beside), weights)
-    # each frame is in several edges; the standard error of a median
+    # each frame is in several edges
     frames = len({frame for e in posed for frame in (e.i, e.j)}) / 2
-    return North(float(middle + beside), float(1.2533 * scatter / np.sqrt(frames)))
+    beside, std_rad = weighted_median_and_error(angles, weights, frames)
+    return North(float(middle + beside), std_rad)
 
 
 def mount_with(turn: Turn, mount: MountConfig) -> str:

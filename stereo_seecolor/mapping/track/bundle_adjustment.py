@@ -141,9 +141,10 @@ def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array
     try:
         blocks = problem.linearize(state).blocks
         variances = np.diagonal(blocks.covariances()[:number], axis1=1, axis2=2).copy()
+        step = blocks.solve()
         for error in disparity_errors(problem.seen, geometry):
             seen_otherwise = replace(problem, seen=problem.seen + error).linearize(state).blocks
-            variances += (seen_otherwise.solve() - blocks.solve())[:number] ** 2
+            variances += (seen_otherwise.solve() - step)[:number] ** 2
     except np.linalg.LinAlgError:
         return np.full((number, 2), np.nan)
     return np.asarray(
