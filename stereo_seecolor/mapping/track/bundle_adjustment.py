@@ -7,7 +7,7 @@ the frames' equations are solved in a sparse order.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,12 +139,11 @@ def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array
     """
     number = len(state.T)
     try:
-        blocks = problem.linearize(state).blocks
-        variances = np.diagonal(blocks.covariances()[:number], axis1=1, axis2=2).copy()
-        step = blocks.solve()
+        step = problem.linearize(state)
+        covariances = step.blocks.covariances()[:number]
+        variances = np.diagonal(covariances, axis1=1, axis2=2).copy()
         for error in disparity_errors(problem.seen, geometry):
-            seen_otherwise = replace(problem, seen=problem.seen + error).linearize(state).blocks
-            variances += (seen_otherwise.solve() - step)[:number] ** 2
+            variances += problem.moves_by(state, step, error) ** 2
     except np.linalg.LinAlgError:
         return np.full((number, 2), np.nan)
     return np.asarray(

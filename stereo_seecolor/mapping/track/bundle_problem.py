@@ -193,6 +193,27 @@ class BundleProblem:
         )
         return State(state.T @ by, state.points + points)
 
+    def moves_by(self, state: State, step: Linearized, error: Array) -> Array:
+        """Compute how far frames move, (N, 6), where all is seen off by ``error`` (n, 3) in image
+        space. step: linearized there. Raises LinAlgError where the equations are singular.
+        """
+        right, own = np.zeros((self._layout.place.size, SIDE)), np.empty((len(self.frame), 3))
+
+        def work(one: _FrameSightings) -> None:
+            by_pose, by_point = one.slopes()
+            off = one.weight * error[one.which] / (1 + one.squared / CAUCHY**2)[:, None]
+            right[one.frame] = np.einsum("kij,ki->j", by_pose, off)
+            own[one.which] = np.einsum("kij,ki->kj", by_point, off)
+
+        self._each_frame(state, work)
+        own_g = np.add.reduceat(own, self.start[:-1])
+        points = (step.V @ own_g[:, :, None])[self.point]
+        taken = (step.W.transpose(0, 2, 1) @ points)[:, :, 0]
+        np.subtract.at(right, self.frame, taken)
+        kept = np.flatnonzero(self._own >= 0)
+        right[self._own[kept], :3] = own_g[kept]
+        return step.blocks.solve_for(right)[: len(self.frames)]
+
     def _each_frame(
         self, state: State, work: "Callable[[_FrameSightings], Result]"
     ) -> list[Result]:

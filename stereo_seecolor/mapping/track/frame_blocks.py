@@ -106,7 +106,16 @@ class FrameBlocks:
 
     def solve(self) -> Array:
         """Solve the system: (N, 6). Raises LinAlgError where it is singular."""
-        left = self.g.reshape(len(self.diagonal), -1).copy()
+        return self._solve(self.g)
+
+    def solve_for(self, right: Array) -> Array:
+        """Solve the system for another right side (N, 6): (N, 6). Raises LinAlgError."""
+        g = np.zeros_like(self.g)
+        g.reshape(-1, SIDE)[self.layout.place] = right
+        return self._solve(g)
+
+    def _solve(self, g: Array) -> Array:
+        left = g.reshape(len(self.diagonal), -1).copy()
         for k, (L, coupling) in enumerate(self._factors):
             left[k] = solve_triangular(L, left[k], lower=True)
             if coupling is not None:
