@@ -27,9 +27,9 @@ class Deviations:
     """
 
     coefficient: float
-    """Standard deviation of a coefficient of the pattern."""
+    """Standard deviation of a coefficient of the pattern of degree 1."""
     ranged: float
-    """Standard deviation of the change of a coefficient over a fifth of the range."""
+    """Standard deviation of the change of such a coefficient over a fifth of the range."""
     trend: float
     """Standard deviation of the trend with range, for a range that is a fifth longer."""
     gain: float
@@ -111,8 +111,12 @@ class LightPrior:
 
     @classmethod
     def unknown(cls, about: Deviations, alike: "Alike") -> "LightPrior":
-        """Make the prior for light of unknown kind: independent coefficients of mean 0."""
-        each = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
+        """Make the prior for light of unknown kind: independent coefficients of mean 0, which fall
+        with the degree of their terms, as those of the random rigs of ``lamps`` do.
+        """
+        smooth = 1.0 / np.array([sum(power) for power in POWERS])
+        ranged = np.tile(about.ranged * smooth, TERMS // PATTERN - 1)
+        each = np.concatenate([about.coefficient * smooth, ranged, [about.trend]])
         return cls(np.zeros(TERMS + 1), np.diag(np.square(each)), about, alike)
 
     @classmethod
