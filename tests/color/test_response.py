@@ -21,6 +21,8 @@ from stereo_seecolor.color.response.measure import MeasuredResponse, measure_res
 from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig, InputConfig, RunConfig
+from stereo_seecolor.extras.synthetic.render import Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
@@ -73,6 +75,39 @@ def test_a_pedestal_is_found_and_none_where_there_is_none(curve: str, bits: int)
     assert (found > 7).all()
     assert (found < 16.5).all()  # a tenth
     assert measured(curve=curve, bits=bits).response.pedestal == (0, 0, 0)
+
+
+@pytest.mark.slow
+def test_the_backscatter_of_green_water_is_not_taken_for_a_pedestal() -> None:
+    spec = SurveySpec(
+        seed=3,
+        pairs=4,
+        lines=1,
+        image_size=(320, 256),
+        altitude_m=(1.8, 2.1),
+        tilt_deg=0.0,
+        water="coastal-green",
+        bottom_depth_m=15.0,
+        bits=16,
+    )
+    scene = Scene.from_spec(spec)
+    linear = [scene.photograph(pair).left / 65535.0 for pair in range(spec.pairs)]
+    found = measure_response([np.round(255 * image).astype(np.uint8) for image in linear])
+    assert found.verdict == "linear"
+    assert found.response.pedestal == (0, 0, 0)
+
+
+@pytest.mark.slow
+def test_frames_too_small_for_lines_of_their_own_show_a_pedestal_together() -> None:
+    def pedestal(value: float) -> np.ndarray:
+        images = [
+            Camera(pedestal=value).shoot(drawn_light(seed, (240, 180)), seed) for seed in range(8)
+        ]
+        return 255 * np.array(measure_response(images).response.pedestal)
+
+    assert (pedestal(15.0) > 7).all()
+    assert (pedestal(15.0) < 16.5).all()
+    assert (pedestal(0.0) == 0).all()
 
 
 def test_what_is_undecided_says_so_and_stays_srgb() -> None:

@@ -1,6 +1,6 @@
 """The laws of sensor noise over brightness, for linear and encoded values."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,9 +21,8 @@ STEP = 1e-3
 """Step of a value for slopes."""
 LEAST_BINS = 6
 """Least bins of brightness with more than the noise of rounding."""
-FRAME_MISFIT = 0.25
-"""Largest misfit of a line to a single frame, logarithm, rms; with more, its zero is not reliable.
-"""
+PEDESTAL_MISFIT = 0.25
+"""Largest misfit of a line, logarithm, rms; with more, its zero is not reliable."""
 
 
 class Law(NamedTuple):
@@ -71,11 +70,11 @@ def _misfits(shape: Array, variance: Array, quantization: float) -> Array:
     return np.asarray(np.sqrt((left**2).mean(axis=1)))
 
 
-def frame_law(blocks: Blocks, quantization: float, encoding: Encoding) -> Law | None:
-    """Fit the law of one channel of one frame; None if its noise does not follow it."""
-    curve = noise_curve([blocks], quantization)
+def pedestal_law(frames: Sequence[Blocks], quantization: float, encoding: Encoding) -> Law | None:
+    """Fit the law of one channel of these frames; None if their noise does not follow it."""
+    curve = noise_curve(frames, quantization)
     above = curve is not None and curve.variance > 2 * quantization
     if curve is None or np.sum(above) < LEAST_BINS:
         return None
     law = fit_law(curve, np.asarray(above), encoding)
-    return law if law.misfit < FRAME_MISFIT else None
+    return law if law.misfit < PEDESTAL_MISFIT else None

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from stereo_seecolor.color.response.laws import DECODERS, LEAST_BINS, Law, fit_law, frame_law
+from stereo_seecolor.color.response.laws import DECODERS, LEAST_BINS, Law, fit_law, pedestal_law
 from stereo_seecolor.color.response.noise import (
     Blocks,
     NoiseCurve,
@@ -134,17 +134,24 @@ def _of_frames(
     quantization: float,
 ) -> Response:
     """The response with the pedestal of each channel: the median of the zeros of the frames' own
-    lines, and at most the darkest value of any.
+    lines, or the zero of the line of all, if frames are too small; at most the darkest value.
+
+    No channel has more than red: a sensor has one pedestal, and white balance raises red most. The
+    backscatter of water, which texture can make look like a pedestal, has less red.
     """
     pedestal, better = [], []
     for blocks in channels:
-        laws = [law for frame in blocks if (law := frame_law(frame, quantization, encoding))]
+        laws = [law for frame in blocks if (law := pedestal_law([frame], quantization, encoding))]
         if 2 * len(laws) <= len(blocks):
-            return Response(encoding)
+            together = pedestal_law(blocks, quantization, encoding)
+            if together is None:
+                return Response(encoding)
+            laws = [together]
         darkest = np.array([min(frame.darkest for frame in blocks) / 255])
         zero = float(np.median([law.zero for law in laws]))
         pedestal.append(max(min(zero, float(DECODERS[encoding](darkest)[0])), 0.0))
         better.append(np.median([np.log(law.misfit_at_zero / law.misfit) for law in laws]))
+    pedestal = [min(one, pedestal[0]) for one in pedestal]
     if max(pedestal) < LEAST_PEDESTAL or np.exp(np.mean(better)) < PEDESTAL_BETTER:
         return Response(encoding)
     return Response(encoding, as_rgb([round(one, 4) for one in pedestal * (3 // len(channels))]))
