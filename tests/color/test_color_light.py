@@ -424,6 +424,34 @@ def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
     return found
 
 
+def redder_ahead(frames: int) -> list[SeenWindow]:
+    """Spots that move down the pictures, which are redder at the top; frames do not differ."""
+    rng, found = np.random.default_rng(1), []
+    for first in range(frames - 3):
+        patch, view, pixel = spots_moving_down(rng)
+        y = (2 * pixel[:, 1:] + 1 - SIZE[1]) / SIZE[1]
+        log_light = np.log(rng.uniform(0.05, 0.3, (PATCHES, 3)))[patch]
+        log_light += y * np.array([-0.2, 0.1, 0.1]) + 0.05 * rng.standard_normal((patch.size, 3))
+        range_m = rng.uniform(1.5, 2.5, patch.size)
+        seen = Observations(patch, view, range_m, np.exp(log_light), pixel)
+        found.append(SeenWindow(np.arange(first, first + 4), seen))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("frames", "corrected"), [(6, False), (12, True)])
+def test_a_slope_of_color_along_the_track_is_not_taken_for_a_drift_of_frames(
+    frames: int, corrected: bool
+) -> None:
+    names = [str(frame) for frame in range(frames)]
+    found = solve_light(redder_ahead(frames), names, SIZE, ALL)
+    assert found is not None
+    assert found.solved.gains == {}
+    assert found.color.use.pattern == corrected
+    before, after = found.color.before.between_frames, found.color.after.between_frames
+    assert (after < 0.1 * before) == corrected
+
+
 def test_a_dive_is_as_long_as_the_reef_that_its_frames_show() -> None:
     assert pictures_crossed(crossing(0.3), SIZE) == pytest.approx(0.3, abs=0.02)
     assert pictures_crossed([], SIZE) == 0

@@ -3,7 +3,7 @@ fit.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -83,6 +83,16 @@ class Choice:
         """Whether there are enough patches for a comparison."""
         return self.judging >= SETTINGS.least_patches
 
+    def without_pattern(self, windows: Sequence[Window], values: Sequence[Array]) -> "Choice":
+        """Return the choice that corrects no pattern, with the gains that were solved beside it.
+
+        windows, values: as given to ``choose``.
+        """
+        solution = replace(self.solution, coefficients=np.zeros_like(self.solution.coefficients))
+        use = self.use._replace(pattern=False, ranged=False)
+        after = spread_left(*_part(windows, values, held=True), solution)
+        return replace(self, use=use, solution=solution, after=after, error=0.0)
+
 
 class Candidate(NamedTuple):
     """A set of terms, and the prior of their coefficients."""
@@ -103,11 +113,7 @@ def choose(
     patches left out lie under the same caustics as their neighbors in the fit.
     values: as in ``solve``. candidates: the first has no terms. frames: number of frames.
     """
-    fit, judge = ([window.part(held) for window in windows] for held in (False, True))
-    fitted, judged = (
-        [value[window.held == held] for window, value in zip(windows, values, strict=True)]
-        for held in (False, True)
-    )
+    (fit, fitted), (judge, judged) = (_part(windows, values, held) for held in (False, True))
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
     def left(candidate: Candidate) -> ViewDifferences:
@@ -143,6 +149,15 @@ def choose(
     solution, use, after = min(solved, key=lambda found: found[0].misfit)
     error = pattern_error(solution, [other for other, *_ in solved]) if use.pattern else 0.0
     return Choice(use, solution, before, after, judging, error)
+
+
+def _part(
+    windows: Sequence[Window], values: Sequence[Array], held: bool
+) -> tuple[list[Window], list[Array]]:
+    """The observations of patches that are left out of the fit, or the others."""
+    return [window.part(held) for window in windows], [
+        value[window.held == held] for window, value in zip(windows, values, strict=True)
+    ]
 
 
 def spread_left(

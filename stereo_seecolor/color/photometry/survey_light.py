@@ -227,10 +227,10 @@ def solve_light(
         candidates = _candidates_of_luminance(allowed, priors[:1])
     luminance = choose(made, luminances, candidates, len(measured))
     of_color = allowed._replace(
-        pattern=allowed.pattern and crossed >= CROSSING_SETTINGS.color and not differ,
+        pattern=allowed.pattern and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
-    color = _choose_color(made, of_color, same, len(measured))
+    color = _choose_color(made, of_color, same, len(measured), crossed)
     light = _light(luminance, color, made, even)
     gains = luminance.solution.gains + color.solution.gains
     gains += 0.0 if recorded is None else recorded[measured, None]
@@ -250,17 +250,19 @@ def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) 
 
 
 def _choose_color(
-    windows: Sequence[Window], allowed: LightTerms, same: Alike, frames: int
+    windows: Sequence[Window], allowed: LightTerms, same: Alike, frames: int, crossed: float
 ) -> Choice:
-    """Choose the terms of color, the logarithms of R, G, B less their mean. one: observations that
-    count as one.
+    """Choose the terms of color, the logarithms of R, G, B less their mean.
+
+    A dive that is too short to correct a pattern still compares it with gains: along a track, the
+    slope of a pattern looks like a drift of gains.
     """
     unknown = LightPrior.unknown(COLOR, same)
     patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
     candidates = _candidates(allowed, unknown, [unknown], patterns)
-    return choose(
-        windows, [window.log_light - _luminance(window) for window in windows], candidates, frames
-    )
+    colors = [window.log_light - _luminance(window) for window in windows]
+    chosen = choose(windows, colors, candidates, frames)
+    return chosen if crossed >= CROSSING_SETTINGS.color else chosen.without_pattern(windows, colors)
 
 
 def _light(luminance: Choice, color: Choice, windows: Sequence[Window], even: Light) -> Light:
