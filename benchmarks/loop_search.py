@@ -45,7 +45,8 @@ class Lawnmower(Lazy[Features]):
         landmarks = np.concatenate(cells)
         found = landmarks[rng.random(len(landmarks)) < SEEN_AGAIN]
         noisy = np.clip(found + rng.normal(0, NOISE, found.shape), 0, 255).astype(np.uint8)
-        return Features(np.zeros((len(noisy), 3)), np.zeros((len(noisy), 3)), noisy)
+        unknown = np.zeros((len(noisy), 3))
+        return Features(unknown, unknown, unknown[:, 2], noisy)
 
 
 def _landmarks(column: int, row: int) -> NDArray[np.float64]:

@@ -93,6 +93,7 @@ def line(true_std: Array, frames: int = 12, seed: int = 1) -> Line:
             Features(
                 seen[inside] + off,
                 np.tile(STATED, (len(inside), 1)),
+                np.zeros(len(inside)),
                 np.zeros((len(inside), 128), np.uint8),
             )
         )
@@ -218,6 +219,7 @@ def test_features_of_one_thing_are_one_point_and_contradictions_are_none() -> No
         Features(
             np.arange(30.0).reshape(10, 3) + 100 * k,
             np.ones((10, 3)),
+            np.zeros(10),
             np.zeros((10, 128), np.uint8),
         )
         for k in range(3)

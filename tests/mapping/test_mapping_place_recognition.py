@@ -46,7 +46,8 @@ class Lawnmower(Lazy[Features]):
         )
         seen = seen[rng.random(len(seen)) < 0.8]
         descriptors = np.clip(seen + rng.normal(0, 10, seen.shape), 0, 255).astype(np.uint8)
-        return Features(np.zeros((len(seen), 3)), np.zeros((len(seen), 3)), descriptors)
+        unknown = np.zeros((len(seen), 3))
+        return Features(unknown, unknown, unknown[:, 2], descriptors)
 
     def apart_m(self, pairs: list[tuple[int, int]]) -> NDArray[np.float64]:
         first, second = np.array(pairs).T

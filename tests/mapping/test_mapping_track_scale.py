@@ -211,9 +211,10 @@ def test_a_tilted_plane_is_smooth_and_keeps_its_depth_and_an_edge_is_not(every: 
     depth = smooth_depth(frame, PAIR, every)
     rows, columns = (axis.ravel() for axis in np.mgrid[9:248:2.3, 9:149:2.7])
     far = (np.abs(columns - 41.5) > 9) | (np.abs(rows - 100.5) > 9)  # from the hole
-    found, std, usable = depth.at(np.column_stack([columns, rows])[far])
+    found, near, std, usable = depth.at(np.column_stack([columns, rows])[far])
     assert usable.all()
-    assert found == pytest.approx((0.05 + 0.002 * rows + 0.0003 * columns)[far], rel=2e-4)
+    for inverse_m in (found, near):
+        assert inverse_m == pytest.approx((0.05 + 0.002 * rows + 0.0003 * columns)[far], rel=2e-4)
     assert std == pytest.approx(0.001 * found, rel=0.06)  # of the nearest pixel that was looked at
     edge = np.column_stack([np.full(200, 159.5), np.arange(20, 220)])
-    assert not depth.at(np.vstack([edge, [[41.0, 100.0]]]))[2].any()
+    assert not depth.at(np.vstack([edge, [[41.0, 100.0]]]))[3].any()

@@ -28,38 +28,44 @@ class SmoothingSettings:
 
 
 SETTINGS = SmoothingSettings()
+LEAST_WINDOW = 3
+"""Samples: a narrower window averages nothing, and holds no plane."""
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothDepth:
     """Smoothed inverse depth at every so many pixels along both axes.
 
-    inverse, std: (h, w) inverse depth and its standard error, 1/m. usable: (h, w), where it is
-    measured and there is no edge.
+    inverse, std: (h, w) inverse depth and its standard error, 1/m. near: (h, w) inverse depth,
+    averaged over the next samples alone. usable: (h, w), where it is measured and there is no edge.
     every: pixels from one sample to the next.
     """
 
     inverse: Map
+    near: Map
     std: Map
     usable: NDArray[np.bool_]
     every: int
 
     def at(
         self, pixels: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """The inverse depth, its standard error and whether they are usable, (n,) each, at (n, 2)
-        pixels of the frame.
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """The inverse depth, the near one, their standard error and whether they are usable, (n,)
+        each, at (n, 2) pixels of the frame.
         """
         places = (pixels - self.every // 2) / self.every
         columns, rows = np.clip(
             np.rint(places).astype(int), 0, np.array(self.usable.shape[::-1]) - 1
         ).T
         across, down = places.astype(np.float32).T
-        inverse = cv2.remap(
-            self.inverse, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        ).ravel()
-        usable = self.usable[rows, columns] & np.isfinite(inverse)
-        return inverse.astype(np.float64), self.std[rows, columns].astype(np.float64), usable
+        inverse, near = (
+            cv2.remap(depth, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            .ravel()
+            .astype(np.float64)
+            for depth in (self.inverse, self.near)
+        )
+        usable = self.usable[rows, columns] & np.isfinite(inverse + near)
+        return inverse, near, self.std[rows, columns].astype(np.float64), usable
 
 
 def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> SmoothDepth:
@@ -78,6 +84,7 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
     share = _mean(known.astype(np.float32), width)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = _mean(inverse, width) / share
+        near = _mean(inverse, LEAST_WINDOW) / _mean(known.astype(np.float32), LEAST_WINDOW)
         filled = np.where(known, inverse, mean)  # so that the windows' rims do not tilt the planes
         slope, mean_of = _slope(width)
         tilt = (
@@ -92,12 +99,12 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
             < SETTINGS.max_spread_std * std + SETTINGS.max_spread * mean
         )
     usable = known & (share > SETTINGS.min_known) & smooth
-    return SmoothDepth(mean.astype(np.float32), std.astype(np.float32), usable, every)
+    return SmoothDepth(mean, near, std.astype(np.float32), usable, every)
 
 
 def _window(every: int) -> int:
-    """The window's width in the pixels that are left: odd, and three at least."""
-    return max(3, SETTINGS.window_px // every // 2 * 2 + 1)
+    """The window's width in the pixels that are left: odd."""
+    return max(LEAST_WINDOW, SETTINGS.window_px // every // 2 * 2 + 1)
 
 
 def _mean(values: Map, width: int) -> Map:

@@ -63,7 +63,11 @@ class FeatureStore(Lazy[Features]):
         """Write the features of a frame. Raises OutputError."""
         with atomic_path(self._path(number)) as path, path.open("wb") as file:
             np.savez(
-                file, points=features.points, std=features.std, descriptors=features.descriptors
+                file,
+                points=features.points,
+                std=features.std,
+                near=features.near,
+                descriptors=features.descriptors,
             )
 
     def _path(self, number: int) -> Path:

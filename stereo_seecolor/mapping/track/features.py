@@ -1,6 +1,6 @@
 """Features of a frame: points with descriptors, matched, and their positions in the camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -37,23 +37,30 @@ class Features:
 
     points: (n, 3) in image space, x / z, y / z and 1 / z of the camera's coordinates, 1 / z in 1/m.
     std: (n, 3) their errors.
+    near: (n,) 1 / z averaged over a narrower window. A window flattens relief; a matcher's noise
+    shrinks with it.
     descriptors: (n, 128) uint8. In image space errors are symmetric; in meters they are not, the
     less so the farther a point.
     """
 
     points: Array
     std: Array
+    near: Array
     descriptors: NDArray[np.uint8]
 
     @classmethod
     def none(cls) -> "Features":
         """Make the features of a frame that shows nothing."""
-        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 128), np.uint8))
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 128), np.uint8))
 
     def scaled(self, scale: float) -> "Features":
         """Scale the ranges by a factor."""
         by = np.array([1, 1, 1 / scale])
-        return Features(self.points * by, self.std * by, self.descriptors)
+        return Features(self.points * by, self.std * by, self.near / scale, self.descriptors)
+
+    def unflattened(self) -> "Features":
+        """The same points by ranges averaged over the narrower window."""
+        return replace(self, points=np.column_stack([self.points[:, :2], self.near]))
 
     @property
     def points_m(self) -> Array:
@@ -78,9 +85,9 @@ def detect(
     if not len(found):
         return Features.none()
     pixels = (found + 0.5) / scale - 0.5
-    inverse, inverse_std, good = depth.at(pixels)
+    inverse, near, inverse_std, good = depth.at(pixels)
     directions = (pixels[good] - [geometry.cx_left_px, geometry.cy_px]) / geometry.focal_px
     lateral = np.full(len(directions), settings.lateral_std_px / (geometry.focal_px * scale))
     points = np.column_stack([directions, inverse[good]])
     std = np.column_stack([lateral, lateral, inverse_std[good]])
-    return Features(points, std, np.rint(descriptors[good]).astype(np.uint8))
+    return Features(points, std, near[good], np.rint(descriptors[good]).astype(np.uint8))

@@ -71,8 +71,8 @@ class Refitting:
 
     def __call__(self, known: tuple[Ends, RelativePose]) -> RelativePose:
         """As ``fit_pose``."""
-        ends, relation = known
-        pair = seen(self.features, ends, relation)
+        (a, b), relation = known
+        pair = seen(self.features[a], self.features[b], relation)
         T, covariance, kept = fit_pose(pair.T_a_b, pair.a, pair.b)
         return RelativePose(T, covariance, relation.index_a[kept], relation.index_b[kept])
 
@@ -106,7 +106,9 @@ class ScaledFeatures(Lazy[Features]):
 
 
 class SeenPairs(Lazy[FramePair]):
-    """The points that both frames see, for each pair of a track that was measured."""
+    """The points that both frames see, for each pair of a track that was measured, by ranges that
+    are hardly averaged: of flattened relief, a perfect lens seems to be off.
+    """
 
     def __init__(
         self, features: Sequence[Features], known: Sequence[tuple[Ends, RelativePose]]
@@ -118,12 +120,12 @@ class SeenPairs(Lazy[FramePair]):
 
     def item(self, number: int) -> FramePair:
         """The pair of a number."""
-        return seen(self._features, *self._known[number])
+        (a, b), relation = self._known[number]
+        return seen(self._features[a].unflattened(), self._features[b].unflattened(), relation)
 
 
-def seen(features: Sequence[Features], ends: Ends, relation: RelativePose) -> FramePair:
+def seen(a: Features, b: Features, relation: RelativePose) -> FramePair:
     """The points of two frames that agree with their relative pose."""
-    a, b = features[ends[0]], features[ends[1]]
     return FramePair(
         relation.T_a_b,
         Observed(a.points[relation.index_a], a.std[relation.index_a]),
