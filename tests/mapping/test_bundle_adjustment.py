@@ -168,7 +168,7 @@ def test_errors_of_the_disparity_that_all_frames_share_are_in_the_standard_error
             replace(
                 own,
                 points=own.points
-                + np.tensordot(sizes, disparity_errors(own.points, GEOMETRY), axes=1),
+                + np.tensordot(sizes, [*disparity_errors(own.points, GEOMETRY)], axes=1),
                 std=own.std * [1, 1, 0.02],
             )
             for own in scene.features

@@ -19,7 +19,7 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.mosaic_blend import View, blend
+from stereo_seecolor.mapping.raster.mosaic_blend import SeenCells, blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 
@@ -290,7 +290,7 @@ def _paint(
 
 def _seen(
     cells: Cells, geometry: RectifiedPair, view: tuple[_Sight, Array]
-) -> tuple[View, Float] | None:
+) -> tuple[SeenCells, Float] | None:
     """What a frame sees of the cells, and the weight (h, w) of each color in the mean of all views;
     None where it sees none.
     """
@@ -320,10 +320,12 @@ def _seen(
     known = np.isfinite(cost)
     rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
     part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    return View(part, color[part].copy(), cost[part].copy()), weight[part].copy()
+    return SeenCells(part, color[part].copy(), cost[part].copy()), weight[part].copy()
 
 
-def _compared(found: list[tuple[View, Float]], shape: tuple[int, int]) -> tuple[list[View], Float]:
+def _compared(
+    found: list[tuple[SeenCells, Float]], shape: tuple[int, int]
+) -> tuple[list[SeenCells], Float]:
     """The views with costs that grow with the distance of their colors from the median of all
     views, and the mean color (H, W, 3) of all. found: what ``_seen`` found, and is emptied, as it
     is much of the memory.
@@ -346,7 +348,7 @@ def _compared(found: list[tuple[View, Float]], shape: tuple[int, int]) -> tuple[
         len(mean),
     )
     views = [
-        View(part, own_color.reshape(*size, 3), own_cost.reshape(size))
+        SeenCells(part, own_color.reshape(*size, 3), own_cost.reshape(size))
         for part, size, own_color, own_cost in zip(
             parts, sizes, np.split(color, ends[:-1]), np.split(cost, ends[:-1]), strict=True
         )

@@ -33,7 +33,7 @@ SETTINGS = BlendSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SeenCells:
     """What a view sees of a window of cells: all of it lies in a part of the window, of rows and
     columns, in which color (h, w, 3) uint8 and cost (h, w) float32, infinite where it does not see
     the cell.
@@ -50,7 +50,7 @@ class View:
         return seen, color
 
 
-def blend(views: Sequence[View], mean: Float) -> NDArray[np.uint8]:
+def blend(views: Sequence[SeenCells], mean: Float) -> NDArray[np.uint8]:
     """Paint each cell from the view of least smoothed cost, in the color of the mean (H, W, 3),
     with soft seams: (4, H, W) RGBA.
 
@@ -116,7 +116,7 @@ def _coarse_band(color: Float) -> Float:
     )
 
 
-def _cheapest(views: Sequence[View], shape: tuple[int, int]) -> NDArray[np.int16]:
+def _cheapest(views: Sequence[SeenCells], shape: tuple[int, int]) -> NDArray[np.int16]:
     """Find for each cell the view whose cost, averaged over its neighborhood, is least: (H, W), -1
     where none sees the cell.
     """
