@@ -80,9 +80,14 @@ class BundleProblem:
 
     @classmethod
     def of(
-        cls, observations: TrackObservations, priors: Sequence[Prior], known: Sequence[Known]
+        cls,
+        observations: TrackObservations,
+        priors: Sequence[Prior] = (),
+        known: Sequence[Known] = (),
     ) -> "BundleProblem":
-        """Set up the problem from observations with their stated errors."""
+        """Set up the problem from observations with their stated errors; frames of these and of
+        priors are their numbers. known: lengths between points, and their places.
+        """
         order = np.argsort(observations.point, kind="stable")
         frames = np.union1d(
             observations.frame, np.array([prior.frame for prior in priors], np.int64)
