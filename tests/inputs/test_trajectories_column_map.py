@@ -194,6 +194,16 @@ def test_positions_that_a_receiver_repeats_are_read_as_they_change(tmp_path: Pat
     assert track.notes == ("the positions repeat for up to 4.0 s: read as they change",)
 
 
+def test_positions_repeated_for_too_long_stay_and_are_said(tmp_path: Path) -> None:
+    rows = [f"{t},{12 * (t // 12)},0,5,90" for t in range(60)]
+    track = read_trajectory(
+        write(tmp_path, "\n".join(["time,north,east,depth,heading", *rows]), "nav.csv")
+    )
+    assert track.T_world_camera[11, 1, 3] == 0
+    (note,) = track.notes
+    assert note.startswith("4 positions of the table repeat for more than 10 s (up to 12.0 s)")
+
+
 def test_positions_of_a_vehicle_that_rests_stay(tmp_path: Path) -> None:
     rows = [f"{t},{min(t, 10)},0,5,90" for t in range(1, 41)]
     track = read_trajectory(
