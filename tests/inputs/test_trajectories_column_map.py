@@ -175,6 +175,18 @@ def test_radians_are_told_by_the_name(tmp_path: Path) -> None:
     np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-9)
 
 
+def test_two_columns_of_one_name_are_refused_where_they_differ(tmp_path: Path) -> None:
+    head, rows = "time,north,east,depth,Depth,heading", ["1,0,0,5,{},90", "2,1,0,6,{},90"]
+    for depths, differ in (((5, 6), False), ((50, 60), True)):
+        cells = (row.format(depth) for row, depth in zip(rows, depths, strict=True))
+        path = write(tmp_path, "\n".join([head, *cells]), "nav.csv")
+        if not differ:
+            assert read_trajectory(path).T_world_camera[1, 2, 3] == -6
+            continue
+        with pytest.raises(InputError, match="has several columns 'depth', which differ"):
+            read_trajectory(path)
+
+
 def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"is a table without heading .*: name its columns as in nav"
