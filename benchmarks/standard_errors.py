@@ -442,12 +442,14 @@ def circles(terrain: Terrain, rng: np.random.Generator, count: int) -> list[Outl
 
 
 def changes(folder: Path, seed: int) -> Scores:
-    """Between the even pairs and the odd ones: patches where nothing changed, in standard errors;
-    and each bump of a changed reef, with its tails.
+    """Between the even pairs and the odd ones: patches and cells where nothing changed, in standard
+    errors; and each bump of a changed reef, with its tails.
     """
     change = changed(folder, f"even_{seed}", f"odd_{seed}")
     patches = [each for each in change.patches if each.kind in ("growth", "loss")]
     z: Scores = {"change where none is": [each.volume_l / each.volume_std_l for each in patches]}
+    z_of_cells = (change.difference.dz_m / change.difference.std_m)[::5, ::5]
+    z["change of a cell where none is"] = z_of_cells[np.isfinite(z_of_cells)].tolist()
     z["change of a bump"] = []
     change = changed(folder, f"even_{seed}", f"bumps_{seed}")
     scene, grid = Scene.from_spec(spec_of(seed)), change.before.grid

@@ -54,32 +54,31 @@ FEATURES = replace(QUICK, max_features=1000)
 
 
 def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
-    """As ``find_motion`` makes a couple, of all features that there are. pairs: the first, and
+    """As ``find_couples`` makes a couple, of all features that there are. pairs: the first, and
     those that follow it.
     """
     return _couple(rectification, pairs, MATCH_LIMITS)
 
 
-def find_motion(rectification: Rectification, starts: Iterable[Iterable[Images]]) -> Motion:
-    """Measure on raw image pairs. starts: as for ``find_couples``.
-
-    No more couples are looked at once the least number of them shows that ranges are right.
+def find_motion(couples: Iterable[SeenTwice], geometry: RectifiedPair) -> Motion:
+    """``motion_of`` couples that are found while they are asked for: no more are, once the least
+    number of them shows that ranges are right.
     """
-    couples: list[SeenTwice] = []
-    for couple in find_couples(rectification, starts):
-        couples.append(couple)
-        if len(couples) == LIMITS.least_couples:
-            motion = motion_of(couples, rectification.matching_pair)
+    found: list[SeenTwice] = []
+    for couple in couples:
+        found.append(couple)
+        if len(found) == LIMITS.least_couples:
+            motion = motion_of(found, geometry)
             if motion.is_right:
                 return motion
-    return motion_of(couples, rectification.matching_pair)
+    return motion_of(found, geometry)
 
 
 def find_couples(
     rectification: Rectification, starts: Iterable[Iterable[Images]]
 ) -> Iterator[SeenTwice]:
-    """Points that are seen twice. starts: for each couple its first pair and pairs that follow it,
-    nearest first.
+    """Points that are seen twice. starts: for each couple its first raw pair of images and pairs
+    that follow it, nearest first.
 
     The first of those that has moved far enough makes the couple.
     """

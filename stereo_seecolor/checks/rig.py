@@ -1,6 +1,6 @@
 """Checks of the calibration and of the range limits on pairs spread over a dive, before a run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -11,9 +11,10 @@ from calibration.rectification import plan_rectification
 from calibration.verification.causes import find_causes
 from calibration.verification.conventions import settle_matches
 from calibration.verification.explanations import Causes
-from calibration.verification.matches import Matches, find_matches
+from calibration.verification.matches import Images, Matches, find_matches
 from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
 from calibration.verification.motion import find_couples, find_motion, motion_of
+from calibration.verification.motion_result import LIMITS
 from calibration.verification.quick_check import quick_check
 from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
@@ -76,7 +77,11 @@ def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     """
     starts = list(neighbors(pairs, pipeline.config.input))
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
-    motion = find_motion(pipeline.rectification, from_ends)
+    enough, rectification = LIMITS.least_couples, pipeline.rectification
+    couples = chain.from_iterable(
+        _couples(rectification, some) for some in (from_ends[:enough], from_ends[enough:])
+    )
+    motion = find_motion(couples, rectification.matching_pair)
     if motion.is_found:
         return _full_check(pipeline, pairs, DiveChange())
     unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
@@ -165,13 +170,18 @@ def _in_parts(
 
 
 def couples_of(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> list[SeenTwice]:
-    """Points of neighboring pairs spread over the dive, matched on all cores."""
-    rectification = Rectification.from_rig(rig)
+    """Points of neighboring pairs spread over the dive."""
+    return list(_couples(Rectification.from_rig(rig), neighbors(pairs, images)))
+
+
+def _couples(
+    rectification: Rectification, starts: Iterable[Iterable[Images]]
+) -> Iterator[SeenTwice]:
+    """``find_couples``, on all cores."""
     threads = matching_threads(rectification.raw_size)
-    found = threads.each(
-        lambda near: list(find_couples(rectification, [near])), neighbors(pairs, images)
+    return chain.from_iterable(
+        threads.each(lambda near: list(find_couples(rectification, [near])), starts)
     )
-    return list(chain.from_iterable(found))
 
 
 def refine_on_dive(

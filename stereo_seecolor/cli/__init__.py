@@ -4,7 +4,7 @@ import sys
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
 from stereo_seecolor.compute.library_threads import one_thread_in_libraries
-from stereo_seecolor.compute.process import tune_gc
+from stereo_seecolor.compute.process import tune_gc, tune_lock
 
 __all__ = ["main"]
 
@@ -16,6 +16,7 @@ def main() -> None:
     with interrupts():
         try:
             tune_gc()
+            tune_lock()
             # before any command is imported, since commands import these libraries
             one_thread_in_libraries()
             from stereo_seecolor.cli.app import run_command_line

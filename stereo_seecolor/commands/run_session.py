@@ -57,9 +57,10 @@ def stereo_run(
     Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which
     of their frames are pairs.
     """
-    load_in_background(config, options)
     shard = options.shard
     before = inputs.open_first(config)
+    # not before: imports and opening would wait for each other, for Python's global lock
+    load_in_background(config, options)
     owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
     ranges = before.pipeline.settings if before and not config.input.refine else ""
     with RunFolder(out, folder_request(owner, config, options, inputs.paths, ranges)) as folder:

@@ -63,6 +63,17 @@ def tune_gc() -> None:
     atexit.register(_end)
 
 
+SWITCH_S = 5e-4
+"""Seconds that a thread keeps Python's global lock while others wait for it, 5 ms by default: what
+threads do between two calls of a library takes far less, and torch is imported beside them.
+"""
+
+
+def tune_lock() -> None:
+    """Let threads take turns in Python after a shorter time."""
+    sys.setswitchinterval(SWITCH_S)
+
+
 def _end() -> None:
     if "open3d" not in sys.modules:  # it prints warnings on its own remaining objects
         gc.freeze()

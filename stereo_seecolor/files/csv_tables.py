@@ -77,13 +77,16 @@ def header(path: Path) -> Sequence[str]:
 
 def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
     """Place (path and line) and cells of each row, by the names of its columns in lower case.
-    Raises InputError, also where one of ``columns`` is missing.
+    Raises InputError, also where one of ``columns`` is missing, or is there twice.
     """
-    missing = [name for name in columns if name not in header(path)]
-    if missing:
+    names = header(path)
+    if missing := [name for name in columns if name not in names]:
         raise InputError(
-            f"{path}: has no column {missing[0]!r}: give the columns {', '.join(columns)}"
+            f"{path}: has no column {missing[0]!r} in its first line: give the columns "
+            f"{', '.join(columns)}"
         )
+    if twice := [name for name in columns if names.count(name) > 1]:
+        raise InputError(f"{path}: has {names.count(twice[0])} columns {twice[0]!r}: leave one")
     reader = _reader(path)
     try:
         yield from ((f"{path}: line {reader.line_num}", row) for row in reader)
@@ -139,7 +142,9 @@ def dict_reader(text: str) -> "csv.DictReader[str]":
 
 
 class _Cells:
-    """The cells of a reader without what guards them."""
+    """The cells of a reader without what guards them; none of a row of empty cells, as spreadsheets
+    leave below a table.
+    """
 
     def __init__(self, reader: Any) -> None:
         self._reader = reader
@@ -152,7 +157,8 @@ class _Cells:
         return self
 
     def __next__(self) -> list[str]:
-        return list(map(_unguarded, next(self._reader)))
+        row = list(map(_unguarded, next(self._reader)))
+        return row if any(cell.strip() for cell in row) else []
 
 
 def _reader(path: Path) -> "csv.DictReader[str]":

@@ -47,7 +47,7 @@ class ExposureTable:
         A file's name may lack its suffix, and needs its folder (``left/0001.png``) only where both
         sides use the same names.
         Raises InputError for a file that cannot be read or has no such columns, and for a bad
-        value, naming the line.
+        value or a file named twice with other values, naming the line.
         """
         text = read_text(path)
         if max(map(len, text.splitlines()), default=0) > MOST_CHARACTERS:
@@ -66,15 +66,19 @@ class ExposureTable:
                 f"{path}: needs a header with a column of file names ({', '.join(NAMES)}) and "
                 f"exposure or gain ({', '.join((*EXPOSURES, *GAINS))})"
             )
-        rows = {}
+        rows = dict[str, Capture]()
         for row in reader:
             where = f"{path}: line {reader.line_num}"
             exposure_s = (
                 _positive_exposure(where, row, exposure) * units_s[exposure] if exposure else None
             )
-            rows[_key(row[name] or "")] = Capture(
-                exposure_s, _gain(where, row, gain) if gain else None
-            )
+            file = _key(row[name] or "")
+            capture = Capture(exposure_s, _gain(where, row, gain) if gain else None)
+            if rows.setdefault(file, capture) != capture:
+                raise InputError(
+                    f"{where}: {row[name]!r} has other values in a line above: leave one, or give "
+                    "the folders of both (left/0001.png)"
+                )
         return cls(rows)
 
     def applied(self, capture: Capture, image: Path) -> Capture:

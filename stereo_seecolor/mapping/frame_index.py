@@ -1,8 +1,13 @@
 """Index of a survey's frames, made in one pass over them: names, times, and coarse points."""
 
-from collections.abc import Callable
+import os
+import tempfile
+import weakref
+from array import array
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from zlib import crc32
 
 import numpy as np
@@ -10,7 +15,9 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.threads import Threads
+from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.compute.threads import Lock, Threads
+from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import Map, SurveyFrame
 
@@ -50,16 +57,15 @@ class FrameIndex:
     lost: the frames that could not be read, and why. checksums: (N,) of colors and points, to tell
     whether a frame was made again.
     certain: (n,) for each frame, False for points that are too uncertain to make voxels for; ()
-    where all are. colors: (n, 3) of each frame's points, () where they are not known.
+    where all are.
     """
 
     names: tuple[str, ...]
     timestamps_s: NDArray[np.float64]
-    points_m: tuple[NDArray[np.float32], ...]
+    points_m: Sequence[NDArray[np.float32]]
     lost: dict[int, str] = field(default_factory=dict)
     checksums: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     certain: tuple[NDArray[np.bool_], ...] = ()
-    colors: tuple[NDArray[np.uint8], ...] = ()
 
     @classmethod
     def build(
@@ -69,31 +75,41 @@ class FrameIndex:
         sampling: PointSampling = SAMPLING,
         progress: Progress = silent,
         compute: Compute | None = None,
+        folder: Path | None = None,
     ) -> "FrameIndex":
-        """Read every frame once; memory grows by some 60 KB a frame at the default spacing.
-        compute: None for one thread.
+        """Read every frame once. compute: None for one thread. folder: on whose disk the points
+        lie, 100 KB a frame at the default spacing; None: where temporary files do.
+
+        Raises OutputError if that disk is full.
         """
-        found: list[_Indexed] = []
-        for one in (compute or Threads(1)).each(
-            _Glance(frames, geometry, sampling), range(len(frames))
+        names, timestamps_s, checksums, certain = [], [], [], []
+        points, lost = _PointFile(folder), {}
+        for number, one in enumerate(
+            (compute or Threads(1)).each(_Glance(frames, geometry, sampling), range(len(frames)))
         ):
-            found.append(one)
-            progress("reading the frames", len(found), len(frames))
+            names.append(one.name)
+            timestamps_s.append(one.timestamp_s)
+            checksums.append(one.checksum)
+            certain.append(one.certain)
+            points.append(one.points_m)
+            if one.lost is not None:
+                lost[number] = one.lost
+            progress("reading the frames", number + 1, len(frames))
         return cls(
-            names=tuple(one.name for one in found),
-            timestamps_s=np.array([one.timestamp_s for one in found], dtype=np.float64),
-            points_m=tuple(one.coarse.points_m for one in found),
-            lost={i: one.lost for i, one in enumerate(found) if one.lost is not None},
-            checksums=np.array([one.checksum for one in found], np.int64),
-            certain=tuple(one.coarse.certain for one in found),
-            colors=tuple(one.coarse.colors for one in found),
+            tuple(names),
+            np.array(timestamps_s, np.float64),
+            points,
+            lost,
+            np.array(checksums, np.int64),
+            tuple(certain),
         )
 
     def scaled(self, scale: float) -> "FrameIndex":
         """Scale the ranges of all frames by a factor."""
-        points = tuple((scale * own).astype(np.float32) for own in self.points_m)
         return replace(
-            self, points_m=points, checksums=self.checksums ^ crc32(np.float64(scale).tobytes())
+            self,
+            points_m=_Scaled(self.points_m, scale),
+            checksums=self.checksums ^ crc32(np.float64(scale).tobytes()),
         )
 
     @cached_property
@@ -114,29 +130,63 @@ class FrameIndex:
         return rank
 
 
-@dataclass(frozen=True, eq=False)
-class _CoarsePoints:
-    """points_m: (n, 3) in the camera. certain: (n,) which are certain enough to make voxels for.
-    colors: (n, 3) RGB.
+class _PointFile(Lazy[NDArray[np.float32]]):
+    """Arrays (n, 3) in a file without a name, which goes with this object: the points of a long
+    dive would take more memory than all else.
     """
 
-    points_m: NDArray[np.float32]
-    certain: NDArray[np.bool_]
-    colors: NDArray[np.uint8]
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder or Path(tempfile.gettempdir())
+        with output_errors(self._folder):
+            self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115  # the next line closes it
+        weakref.finalize(self, self._file.close)
+        self._ends = array("q", [0])
+        self._lock = Lock()
 
-    @classmethod
-    def none(cls) -> "_CoarsePoints":
-        """Make the points of a frame that cannot be read."""
-        return cls(np.zeros((0, 3), np.float32), np.zeros(0, np.bool_), np.zeros((0, 3), np.uint8))
+    def __len__(self) -> int:
+        return len(self._ends) - 1
+
+    def append(self, points_m: NDArray[np.float32]) -> None:
+        """Add an array. Raises OutputError if the disk is full."""
+        with self._lock, output_errors(self._folder):
+            self._file.seek(0, os.SEEK_END)
+            self._file.write(points_m.tobytes())
+            self._ends.append(self._file.tell())
+
+    def item(self, number: int) -> NDArray[np.float32]:
+        """Read an array."""
+        start, end = self._ends[number : number + 2]
+        points_m = np.empty((end - start) // 4, np.float32)
+        with self._lock:
+            self._file.seek(start)
+            self._file.readinto(points_m.data)
+        return points_m.reshape(-1, 3)
+
+
+class _Scaled(Lazy[NDArray[np.float32]]):
+    """Arrays times a factor."""
+
+    def __init__(self, arrays: Sequence[NDArray[np.float32]], scale: float) -> None:
+        self._arrays, self._scale = arrays, scale
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def item(self, number: int) -> NDArray[np.float32]:
+        """The array of a frame."""
+        return (self._scale * self._arrays[number]).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class _Indexed:
-    """What the index knows of a frame. lost: why it cannot be read; None where it can."""
+    """What the index knows of a frame. points_m: (n, 3) in the camera. certain: (n,) which are
+    certain enough to make voxels for. lost: why it cannot be read; None where it can.
+    """
 
     name: str
     timestamp_s: float
-    coarse: _CoarsePoints
+    points_m: NDArray[np.float32]
+    certain: NDArray[np.bool_]
     checksum: int
     lost: str | None = None
 
@@ -152,19 +202,20 @@ class _Glance:
     def __call__(self, number: int) -> _Indexed:
         frame = self.frames[number]
         if isinstance(frame, Unplaced):
-            return _Indexed(frame.name, np.nan, _CoarsePoints.none(), 0, frame.reason)
-        coarse = _coarse_points(frame, self.geometry, self.sampling)
+            nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
+            return _Indexed(frame.name, np.nan, *nothing, 0, frame.reason)
+        points_m, certain = _coarse_points(frame, self.geometry, self.sampling)
         checksum = crc32(
-            frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(coarse.points_m.tobytes())
+            frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(points_m.tobytes())
         )
-        return _Indexed(
-            frame.name, np.nan if frame.timestamp_s is None else frame.timestamp_s, coarse, checksum
-        )
+        timestamp_s = np.nan if frame.timestamp_s is None else frame.timestamp_s
+        return _Indexed(frame.name, timestamp_s, points_m, certain, checksum)
 
 
 def _coarse_points(
     frame: SurveyFrame, geometry: RectifiedPair, sampling: PointSampling
-) -> _CoarsePoints:
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Points (n, 3) in the camera, and (n,) which are certain enough to make voxels for."""
     sample = frame.range_m[:: sampling.max_stride_px, :: sampling.max_stride_px]
     sample = sample[np.isfinite(sample)]
     far_m = float(np.quantile(sample, sampling.far_fraction)) if sample.size else 1.0
@@ -183,8 +234,7 @@ def _coarse_points(
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
     y = (rows[known] - geometry.cy_px) / geometry.focal_px * depth_m
-    points = np.stack([x, y, depth_m], axis=-1).astype(np.float32)
-    return _CoarsePoints(points, certain, frame.color[rows[known], columns[known]])
+    return np.stack([x, y, depth_m], axis=-1).astype(np.float32), certain
 
 
 def _most_std_m(std_m: Map, sampling: PointSampling) -> float:

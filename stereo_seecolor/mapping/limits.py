@@ -30,6 +30,9 @@ class MapLimits:
     # of a terrain cell while a tile is drawn: its height, twice, and coordinates
     tile_cell_bytes: int = 32
     cells: float = 4e9  # of a mosaic or terrain: 16 GB on disk, a day's work
+    # fewer show nothing, and cells at the rim count as seen: a size in millimeters
+    least_cells: float = 100.0
+    square_cells: int = 3  # along an edge: slopes and curvatures need as many
     memory_fraction: float = 0.5  # of the machine's memory that one map may take
     # voxels from the origin: an eighth of a voxel is float32's resolution there
     float32_reach: float = 2.0**20
@@ -113,9 +116,14 @@ def _check_tiles(tiling: Tiling, cell_m: float, available: float) -> None:
 
 def _check_cells(tiling: Tiling, setting: str, cell_m: float) -> None:
     """Raise MappingError where a raster of cells of ``cell_m``, set by mapping.``setting``, would
-    have too many of them.
+    have too few or too many of them.
     """
     cells = tiling.columns * (BLOCK * tiling.voxel_m / cell_m) ** 2
+    if cells < LIMITS.least_cells:
+        raise MappingError(
+            f"mapping.{setting}={cell_m:g}: cells of so many meters are too large for this map: "
+            f"set it to at most {cell_m * np.sqrt(cells / LIMITS.least_cells):.2g}"
+        )
     if cells > LIMITS.cells:
         raise MappingError(
             f"mapping.{setting}={cell_m:g}: the map would have {cells:.2g} cells, at most "
@@ -125,9 +133,15 @@ def _check_cells(tiling: Tiling, setting: str, cell_m: float) -> None:
 
 
 def _check_squares(square_m: float, cell_m: float, available: float) -> None:
-    """Raise MappingError where a square of the metrics does not fit into ``available`` bytes of
-    memory.
+    """Raise MappingError where a square of the metrics holds too few cells, or does not fit into
+    ``available`` bytes of memory.
     """
+    if round(square_m / cell_m) < LIMITS.square_cells:
+        raise MappingError(
+            f"mapping.metrics_m={square_m:g}: a square holds {LIMITS.square_cells} terrain cells "
+            f"of {cell_m:g} m along its edge, at least: set it to at least "
+            f"{LIMITS.square_cells * cell_m:g}"
+        )
     needed = (square_m / cell_m) ** 2 * LIMITS.square_cell_bytes
     if needed > available:
         raise MappingError(

@@ -150,7 +150,7 @@ def build_map(
     config = with_voxel(config, found, geometry)
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
-    index = _index(kept, geometry, config.voxel_edge_m, workspace)
+    index = _index(kept, geometry, config.voxel_edge_m, workspace, scratch)
     survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
@@ -209,7 +209,7 @@ def _summary(
 
 
 def _index(
-    frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace
+    frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace, scratch: Path
 ) -> FrameIndex:
     """Index the frames, with points half a block apart, so that no block is missed.
 
@@ -218,7 +218,9 @@ def _index(
     sampling = PointSampling(
         spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT))
     )
-    index = FrameIndex.build(frames, geometry, sampling, workspace.progress, workspace.compute)
+    index = FrameIndex.build(
+        frames, geometry, sampling, workspace.progress, workspace.compute, scratch
+    )
     if len(index.lost) == len(frames):
         raise MappingError(
             f"none of the {len(frames)} frames can be read: "

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.errors import FrameError
 from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
@@ -45,7 +44,7 @@ def terrain_errors(
     """The standard errors of the terrain of a run. T_terrain_map: (4, 4), where the terrain is not
     in the map's own coordinates.
 
-    Raises InputError if the run cannot be read; a frame whose files are gone is left out.
+    Raises InputError if the run, or a frame of the map, cannot be read.
     """
     T = np.eye(4) if T_terrain_map is None else T_terrain_map
     shape = terrain.grid.shape
@@ -102,14 +101,12 @@ def views_of(
     heights_of: Callable[[tuple[slice, slice]], Array],
     T_terrain_map: Array,
 ) -> Iterator[CellsSeen]:
-    """What each frame of a map sees of a terrain, one after the other; a frame whose files are gone
-    is left out. heights_of: a window of the grid -> its heights.
+    """What each frame of a map sees of a terrain, one after the other. heights_of: a window of the
+    grid -> its heights. Raises InputError for a frame whose files are gone: heights without their
+    noise seem rough.
     """
     for number, T_map_camera in enumerate(posed.T_map_camera):
-        try:
-            frame = frames[number]
-        except FrameError:
-            continue
+        frame = frames[number]
         T = T_terrain_map @ T_map_camera
         window = _window(frame, grid, T, posed.geometry)
         if window is not None:

@@ -49,7 +49,7 @@ class TerrainRoughness:
     """The roughness of a terrain.
 
     scale_m: edge of the cells that are measured. squares: of each square of which enough is known,
-    its ROUGHNESS (4,) and the standard errors (4,); empty where no frame could be read. structure:
+    its ROUGHNESS (4,) and the standard errors (4,); empty where no frame saw it. structure:
     of the squares of the largest edge that the site holds; None without any.
     """
 
@@ -66,8 +66,8 @@ def terrain_roughness(
     edges_m: Sequence[float],
 ) -> TerrainRoughness:
     """Measure the terrain of a map. frames: of the map. square_m: edge of the squares. edges_m:
-    those of which the structure's is chosen. Raises InputError where the terrain is damaged,
-    OutputError.
+    those of which the structure's is chosen. Raises InputError where the terrain or a frame of the
+    map is damaged, OutputError.
     """
     with tempfile.TemporaryDirectory() as folder:
         terrain = _TerrainOnDisk.of(posed, frames, images, Path(folder))

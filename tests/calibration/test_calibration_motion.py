@@ -123,7 +123,8 @@ def test_a_couple_that_holds_no_motion_does_not_hide_the_others() -> None:
 def test_images_without_texture_tell_nothing() -> None:
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
     flat = np.full(rectification.raw_size[::-1], 90, np.uint8)
-    assert find_motion(rectification, [[(flat, flat), (flat, flat)]] * 3).couples == 0
+    couples = find_couples(rectification, [[(flat, flat), (flat, flat)]] * 3)
+    assert find_motion(couples, rectification.matching_pair).couples == 0
 
 
 @pytest.mark.slow

@@ -115,6 +115,13 @@ def table(tmp_path: Path, text: str) -> ExposureTable:
     return ExposureTable.read(tmp_path / "exposures.csv")
 
 
+def test_a_file_that_is_named_twice_with_other_values_is_refused(tmp_path: Path) -> None:
+    head, again = "file,exposure_ms\n0001.png,4\n", "0001.png,4\n"
+    assert table(tmp_path, head + again).rows["0001.png"].exposure_s == pytest.approx(0.004)
+    with pytest.raises(InputError, match=r"line 3: '0001.png' has other values in a line above"):
+        table(tmp_path, head + "0001.png,40\n")
+
+
 @pytest.mark.parametrize(
     ("text", "exposure_s", "gain"),
     [

@@ -175,6 +175,18 @@ def test_radians_are_told_by_the_name(tmp_path: Path) -> None:
     np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-9)
 
 
+def test_two_columns_of_one_name_are_refused_where_they_differ(tmp_path: Path) -> None:
+    head, rows = "time,north,east,depth,Depth,heading", ["1,0,0,5,{},90", "2,1,0,6,{},90"]
+    for depths, differ in (((5, 6), False), ((50, 60), True)):
+        cells = (row.format(depth) for row, depth in zip(rows, depths, strict=True))
+        path = write(tmp_path, "\n".join([head, *cells]), "nav.csv")
+        if not differ:
+            assert read_trajectory(path).T_world_camera[1, 2, 3] == -6
+            continue
+        with pytest.raises(InputError, match="has several columns 'depth', which differ"):
+            read_trajectory(path)
+
+
 def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"is a table without heading .*: name its columns as in nav"
@@ -192,6 +204,16 @@ def test_positions_that_a_receiver_repeats_are_read_as_they_change(tmp_path: Pat
     moved_m = np.diff(track.T_world_camera[4:36, 1, 3])
     np.testing.assert_allclose(moved_m, 1.0)
     assert track.notes == ("the positions repeat for up to 4.0 s: read as they change",)
+
+
+def test_positions_repeated_for_too_long_stay_and_are_said(tmp_path: Path) -> None:
+    rows = [f"{t},{12 * (t // 12)},0,5,90" for t in range(60)]
+    track = read_trajectory(
+        write(tmp_path, "\n".join(["time,north,east,depth,heading", *rows]), "nav.csv")
+    )
+    assert track.T_world_camera[11, 1, 3] == 0
+    (note,) = track.notes
+    assert note.startswith("4 positions of the table repeat for more than 10 s (up to 12.0 s)")
 
 
 def test_positions_of_a_vehicle_that_rests_stay(tmp_path: Path) -> None:

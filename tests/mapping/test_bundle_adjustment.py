@@ -19,6 +19,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import bundle_problem, odometry, placement_refinement
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
+from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.image_space import Observed
@@ -113,18 +114,22 @@ def off_m(T: Array, scene: Line) -> Array:
     return np.asarray(np.linalg.norm(T[:, :3, 3] - scene.T[:, :3, 3], axis=1))
 
 
+def problem_of(scene: Line, priors: Sequence[Prior] = ()) -> BundleProblem:
+    return BundleProblem.of(observations(scene.features, scene.relations, MOST), priors)
+
+
 def adjusted(scene: Line) -> tuple[Adjusted, Array]:
     """By bundle adjustment, and by the pose graph that it starts from."""
     relations = scene.relations
     start = by_pose_graph(scene, relations)
-    return adjust(start, observations(scene.features, relations, MOST), GEOMETRY), start
+    return adjust(start, problem_of(scene), GEOMETRY), start
 
 
 def test_exact_sightings_give_exact_poses() -> None:
     scene = line(np.zeros(3), frames=5)
     start = scene.T.copy()
     start[1:, :3, 3] += np.random.default_rng(0).normal(0, 0.02, (4, 3))
-    found = adjust(start, observations(scene.features, scene.relations, MOST), GEOMETRY)
+    found = adjust(start, problem_of(scene), GEOMETRY)
     assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
 
 
@@ -137,9 +142,7 @@ def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(
     for cores in (1, 3):
         with ThreadPoolExecutor(cores) as pool:
             monkeypatch.setattr(bundle_problem, "core_pool", lambda pool=pool: pool)
-            found.append(
-                adjust(start, observations(scene.features, scene.relations, MOST), GEOMETRY)
-            )
+            found.append(adjust(start, problem_of(scene), GEOMETRY))
     assert np.array_equal(found[0].T_world_camera, found[1].T_world_camera)
     assert np.array_equal(found[0].std, found[1].std)
 
@@ -169,7 +172,7 @@ def test_errors_of_the_disparity_that_all_frames_share_are_in_the_standard_error
             replace(
                 own,
                 points=own.points
-                + np.tensordot(sizes, disparity_errors(own.points, GEOMETRY), axes=1),
+                + np.tensordot(sizes, [*disparity_errors(own.points, GEOMETRY)], axes=1),
                 std=own.std * [1, 1, 0.02],
             )
             for own in scene.features
@@ -185,7 +188,7 @@ def test_without_sightings_nothing_moves() -> None:
         np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3)))
     )
     T = line(STATED, frames=3).T
-    found = adjust(T, nothing, GEOMETRY)
+    found = adjust(T, BundleProblem.of(nothing), GEOMETRY)
     assert found.T_world_camera == pytest.approx(T)
     assert np.isnan(found.std).all()
 
@@ -203,7 +206,7 @@ def test_poor_navigation_is_averaged_out_and_places_the_track() -> None:
         noisy[:3, 3] += rng.normal(0, 0.05, 3)
         priors.append(Prior(i, noisy, np.full(3, 0.05), 0.01))
     given = np.array([prior.T_world_camera for prior in priors])
-    found = adjust(given, observations(scene.features, scene.relations, MOST), GEOMETRY, priors)
+    found = adjust(given, problem_of(scene, priors), GEOMETRY)
     steps, true_steps = (np.diff(T[:, :3, 3], axis=0) for T in (found.T_world_camera, scene.T))
     assert np.abs(steps - true_steps).max() < 0.005
     assert off_m(found.T_world_camera, scene).max() < 0.06

@@ -93,6 +93,12 @@ def test_utm_coordinates_give_the_same_map_with_its_offset_stated(tmp_path: Path
             {"metrics_m": 1e9},
             r"metrics_m=1e\+09: a square .* needs about .* GB of memory.*: set it to at most",
         ),
+        (
+            {"metrics_m": 0.001},
+            r"metrics_m=0.001: a square holds 3 terrain cells of .* m .*: set it to at least 0\.",
+        ),
+        ({"dem_m": 10.0}, r"dem_m=10: cells of so many meters are too large for this map: set it"),
+        ({"mosaic_m": 5.0}, r"mosaic_m=5: cells of so many meters are too large .* at most 0\."),
     ],
 )
 def test_absurd_sizes_are_refused_with_what_to_set(

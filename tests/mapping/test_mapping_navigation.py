@@ -346,7 +346,10 @@ def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
     )
     arm = pose(np.eye(3), np.array([0.5, -0.2, 0.3]))
     seen = Motions(inverse(arm) @ measured @ arm, measured)
-    np.testing.assert_allclose(lever_arm(seen), [0.5, -0.2, 0.3], atol=1e-4)
+    found = lever_arm(seen)
+    assert found is not None
+    np.testing.assert_allclose(found[0], [0.5, -0.2, 0.3], atol=1e-4)
+    assert (found[1] < 0.05).all()
     noise = seen.given.copy()
     noise[:, :3, 3] = measured[:, :3, 3] + rng.normal(0, 0.3, (30, 3))
     assert lever_arm(Motions(noise, measured)) is None

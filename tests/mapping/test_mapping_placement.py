@@ -72,6 +72,13 @@ def test_poses_out_of_order_are_sorted_by_time() -> None:
     assert "out of order" in placement.warnings[0]
 
 
+@pytest.mark.parametrize(("hours", "clock"), [(12, "12 hours without AM and PM"), (1, "summer")])
+def test_a_clock_that_goes_back_is_said(hours: int, clock: str) -> None:
+    times_s = np.arange(10) - np.where(np.arange(10) < 5, 0, 3600.0 * hours)
+    (warning, *_) = place(index(), by_time(line(), times_s), CONFIG).warnings
+    assert f"go back by up to {3600 * hours - 1} s, as of a clock of {clock}" in warning
+
+
 def test_frames_out_of_order_are_no_jumps() -> None:
     shuffle = np.random.default_rng(2).permutation(40)
     ordered = index(40)

@@ -244,15 +244,16 @@ class MeanReef:
         size = nuisance + unknowns + outputs
         sums, lights, cells = np.zeros((size, size)), [], []
         for window, part in zip(windows, parts, strict=True):
-            row = np.zeros((len(part.first), size))
             count = part.sums(np.ones(len(part.patch)))
             mean = part.sums(part.both) / count[:, None]
             log_range = part.sums(window.trend[:, 0].astype(np.float64)) / count
-            row[:, :nuisance] = log_range[:, None] ** np.arange(nuisance)
-            row[:, nuisance + part.at] = mean[:, : len(part.at)]
-            row[:, nuisance + unknowns :] = mean[:, len(part.at) :]
-            sums += row.T @ row
-            lights.append(row[:, [*range(nuisance), *range(nuisance + unknowns, size)]])
+            powers = log_range[:, None] ** np.arange(nuisance)
+            row = np.concatenate([powers, mean], axis=1)
+            at = np.concatenate(
+                [np.arange(nuisance), nuisance + part.at, np.arange(size)[-outputs:]]
+            )
+            sums[np.ix_(at, at)] += row.T @ row
+            lights.append(np.concatenate([powers, mean[:, len(part.at) :]], axis=1))
             cells.append(_cells(window.terms[part.first]))
         variance = _variance_of_mean(lights, cells, nuisance) * prior.alike.windows
         variance *= prior.about.mean_reef**2

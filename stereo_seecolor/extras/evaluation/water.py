@@ -128,6 +128,7 @@ def measure_white(
     given = _spots(names, {"white": white, "sand": sand}) or (
         read_targets(targets) if targets else None
     )
+    _check_places(targets, given or {}, SurveyFrames(run).geometry.image_size, names)
     scene = _one_water(run, list(names))
     search = _TargetSearch(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
     seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
@@ -138,6 +139,12 @@ def measure_white(
     found = survey_white(kept)
     water = found.set_in(scene)
     charts = found.patches_in(water)
+    for one, patches in zip(found.seen, charts, strict=True):
+        if given is not None and patches and not patches.is_in_order:
+            raise InputError(
+                f"{targets}: {one.frame}: {one.target}: its patches fit the published colors no "
+                "better than in random order: give the chart's corners in the documented order"
+            )
     matrix = camera_matrix([chart for chart in charts if chart])
     if isinstance(matrix, CameraMatrix):
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
@@ -175,6 +182,28 @@ def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:
                 raise InputError(f"--{kind} {one}: the run has no frame {frame!r}")
             targets.setdefault(frame, []).append({kind: np.array([x, y])})
     return targets
+
+
+def _check_places(
+    targets: Path | None, given: Targets, image_size: tuple[int, int], names: Sequence[str]
+) -> None:
+    """Raise InputError for targets of which none is of a frame of the run, or that lie outside its
+    images.
+    """
+    if given and not given.keys() & set(names):
+        raise InputError(
+            f"{targets}: names no frame of the run: the first is {next(iter(given))!r}, not as "
+            f"{names[0]!r}"
+        )
+    width, height = image_size
+    for frame in sorted(given.keys() & set(names)):
+        for places in (places for one in given[frame] for places in one.values()):
+            if ((places < -1) | (places > image_size)).any():
+                x, y = np.atleast_2d(places)[0]
+                raise InputError(
+                    f"{frame}: a target at {x:g}, {y:g} reaches outside the corrected image of "
+                    f"{width} x {height} pixels"
+                )
 
 
 def _nothing_seen(out: Path, given: Targets | None, left_out: tuple[str, ...]) -> InputError:

@@ -52,13 +52,13 @@ def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
     """The labelled points of CoralNet's CSV; rows without a label are left out.
 
     Name: a tile of ``export --to tiles``, or a corrected frame, with or without folder and suffix.
-    Row, Column: its pixel, from 0. Raises InputError if the table cannot be used, names another
-    image, or a pixel beside it.
+    Row, Column: its pixel, from 0. A point that is listed twice is one. Raises InputError if the
+    table cannot be used, names another image, or a pixel beside it, or labels a point in two ways.
     """
     names = csv_tables.header(path)
     labels = [name for name in LABELS if name in names] or LABELS[:1]
     images = _PlacedImages(posed)
-    found = []
+    found, known = [], dict[tuple[str, int, int], str]()
     for where, row in csv_tables.rows(path, (*PLACE, *labels)):
         label = next(filter(None, (row[name].strip() for name in labels)), "")
         if not label:
@@ -67,6 +67,15 @@ def read_points(path: Path, posed: PosedRun) -> list[LabelledPoint]:
             pixel = _whole(row["column"]), _whole(row["row"])
         except ValueError:
             raise InputError(f"{where}: Row and Column are not whole numbers") from None
+        place = row["name"].strip(), *pixel
+        if known.get(place, label) != label:
+            raise InputError(
+                f"{where}: labels a point as {label!r} that is {known[place]!r} in a line above: "
+                "leave one, such as those of one annotator"
+            )
+        if place in known:
+            continue
+        known[place] = label
         try:
             found.append(LabelledPoint(label, *images.spot(row["name"], pixel)))
         except ValueError as error:

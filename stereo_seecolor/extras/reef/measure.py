@@ -253,7 +253,11 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     picks: list[Pick] = []
     clicks_px = wanted.clicks_px or (0.0,) * len(wanted.places)
+    width, height = surface.geometry.image_size
     for number, (place, click_px) in enumerate(zip(wanted.places, clicks_px, strict=True), 1):
+        if not (-1 < place[0] < width and -1 < place[1] < height):
+            note = f"place {number}: lies outside the corrected image of {width} x {height} pixels"
+            return Measurement(*about, None, None, note=note)
         pick = surface.pick(*place, click_px)
         if pick is None:
             part = known_area(surface, wanted.places) if wanted.kind == "area" else None

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import separator_of, split_fields
@@ -298,7 +299,7 @@ def _camera(
         if "lat" in values
         else (np.column_stack([values.get("north", zeros), values.get("east", zeros)]), None)
     )
-    north_east_m, held_s = _between_changes(times_s, north_east_m)
+    north_east_m, notes = _between_changes(times_s, north_east_m)
     fixes = roles <= _FIXES
     attitude_deg = np.column_stack(
         [values.get(role, zeros) for role in ("roll", "pitch", "heading")]
@@ -312,33 +313,43 @@ def _camera(
         origin,
         position_step_m,
     ).camera(MountConfig() if fixes else mount)
-    note = f"the positions repeat for up to {held_s:.1f} s: read as they change" if held_s else ""
-    return replace(track, fixes=fixes, notes=(note,) if note else ())
+    return replace(track, fixes=fixes, notes=notes)
 
 
-def _between_changes(times_s: Column, north_east_m: Array) -> tuple[Array, float]:
+def _between_changes(times_s: Column, north_east_m: Array) -> tuple[Array, tuple[str, ...]]:
     """Positions (N, 2) of a receiver that repeats each until the next one: linear in time between
-    the rows at which they change; and the longest time that one is repeated, 0 where none is.
+    the rows at which they change; and notes on how long they are repeated.
 
-    Longer ones than MAX_GAP_S stay, as of a vehicle that rests.
+    Those repeated for longer than MAX_GAP_S stay, as of a vehicle that rests.
     """
     known = np.flatnonzero(np.isfinite(times_s) & np.isfinite(north_east_m).all(axis=1))
     if len(known) < 2 or (np.diff(times_s[known]) <= 0).any():
-        return north_east_m, 0.0
+        return north_east_m, ()
     same = (np.diff(north_east_m[known], axis=0) == 0).all(axis=1)
     changed = np.flatnonzero(np.concatenate([[True], ~same]))
     gap_s = np.diff(times_s[known[changed]])
-    rows = np.diff(changed)
-    held = (rows >= LEAST_HELD) & (gap_s <= MAX_GAP_S)
-    if not held.any() or held.mean() < HELD:
-        return north_east_m, 0.0
+    repeated = np.diff(changed) >= LEAST_HELD
+    if not repeated.any() or repeated.mean() < HELD:
+        return north_east_m, ()
+    held = repeated & (gap_s <= MAX_GAP_S)
     found = north_east_m.copy()
     for first, last in zip(changed[:-1][held], changed[1:][held], strict=True):
         ends = known[[first, last]]
         own = known[first : last + 1]
         for axis in range(2):
             found[own, axis] = np.interp(times_s[own], times_s[ends], north_east_m[ends, axis])
-    return found, float(gap_s[held].max())
+    notes = []
+    if held.any():
+        notes.append(
+            f"the positions repeat for up to {gap_s[held].max():.1f} s: read as they change"
+        )
+    if too_long := int((repeated & ~held).sum()):
+        notes.append(
+            f"{counted(too_long, 'position')} of the table repeat for more than {MAX_GAP_S:g} s "
+            f"(up to {gap_s[repeated].max():.1f} s), as of a vehicle that rests or a receiver that "
+            "repeats its last fix: where the vehicle moves, leave these rows out"
+        )
+    return found, tuple(notes)
 
 
 def _missing(columns: Mapping[str, str]) -> list[str]:

@@ -92,10 +92,13 @@ def read_lines(path: Path) -> Lines:
 
 @dataclass(frozen=True)
 class Table:
-    """A file with a header: columns by their lower-case names."""
+    """A file with a header: columns by their lower-case names. twice: names of several columns that
+    differ, of which none can be taken.
+    """
 
     lines: Lines
     rows: tuple[tuple[int, dict[str, str]], ...]
+    twice: frozenset[str] = frozenset()
 
     @classmethod
     def read(
@@ -127,15 +130,23 @@ class Table:
                 raise lines.error(
                     number, f"has {len(fields)} columns, the header has {len(header)}"
                 )
-        return cls(
-            lines,
-            tuple((number, dict(zip(header, fields, strict=False))) for number, fields in split),
-        )
+        named = [(number, dict(zip(header, fields, strict=False))) for number, fields in split]
+        twice = {
+            name
+            for place, name in enumerate(header)
+            if header.count(name) > 1
+            and any(
+                fields[place] != row[name]
+                for (_, fields), (_, row) in zip(split, named, strict=True)
+            )
+        }
+        return cls(lines, tuple(named), frozenset(twice))
 
     def column(self, name: str, default: float | None = None) -> list[float]:
         """A column as floats; cells without a value (empty, NA, --.--) are NaN, or ``default``
         where the whole column is absent.
         """
+        self._check_single(name)
         if self.rows and name not in self.rows[0][1]:
             if default is None:
                 raise InputError(f"{self.lines.path}: has no column {name!r}")
@@ -147,7 +158,15 @@ class Table:
         spaces between.
         """
         parts = [name] if not self.rows or name in self.rows[0][1] else name.split()
+        for part in parts:
+            self._check_single(part)
         return [" ".join(row.get(part, "") for part in parts) for _, row in self.rows]
+
+    def _check_single(self, name: str) -> None:
+        if name in self.twice:
+            raise InputError(
+                f"{self.lines.path}: has several columns {name!r}, which differ: leave one"
+            )
 
     def _number(self, number: int, field: str) -> float:
         return float("nan") if is_unknown(field) else self.lines.numbers(number, [field])[0]

@@ -37,6 +37,8 @@ program.
 """
 
 
+WITHIN_S = 60.0
+"""Rows before and after a clock is set back lie so close."""
 ALIKE = 0.2
 """Fraction by which a track from a start and a dive may differ in how long they last."""
 
@@ -209,8 +211,12 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     if len(times) < np.count_nonzero(finite):
         repeated = counted(int(np.count_nonzero(finite)) - len(times), "pose")
         warnings.append(f"time stamps that repeat: {repeated} left out, the first of each kept")
-    if (np.diff(trajectory.timestamps_s[finite]) < 0).any():
-        warnings.append("the trajectory's poses are out of order: they were sorted by time")
+    back_s = -np.diff(trajectory.timestamps_s[finite]).min(initial=0.0)
+    if back_s > 0:
+        warnings.append(
+            f"the trajectory's poses are out of order (times go back by up to {back_s:.6g} s"
+            f"{_set_back(back_s)}): they were sorted by time"
+        )
     T = _at(times, poses, index.timestamps_s, FARTHEST_POSE_S)
     reasons = {
         int(i): "it has no time stamp"
@@ -219,6 +225,14 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
         for i in np.flatnonzero(~_finite(T))
     }
     return Assignment(T, reasons, warnings)
+
+
+def _set_back(back_s: float) -> str:
+    """What sets times back by so much: only where it is 12 hours or one, to a minute."""
+    for hours, what in ((12, "12 hours without AM and PM"), (1, "summer time")):
+        if abs(back_s - 3600 * hours) < WITHIN_S:
+            return f", as of a clock of {what}: give times in UTC"
+    return ""
 
 
 def _at(

@@ -177,8 +177,7 @@ def examine(
     if not np.isfinite(plain):
         return verdict
     step_m = trajectory.position_step_m
-    still = _still(T, seen, step_m)
-    if wrong := still or "; ".join(wrong_parts(T, seen, survey.index)):
+    if wrong := _still(T, seen, step_m):
         return _unfit(verdict, wrong)
     correction = _correction(T, seen, plain, config)
     is_rounded = navigation.position_residual_m < ROUNDING * step_m
@@ -186,13 +185,18 @@ def examine(
     if plain > READ_RIGHTLY and not is_rounded:
         others = interpretations(T, seen, survey.index, trajectory, config)
         readings = best_readings(seen, others)
+    # a part is wrong where neither a correction nor a reading of the whole explains it
+    parts = wrong_parts(correction.T, seen, survey.index)
+    is_read_otherwise = bool(readings) and readings[0].misfit < BETTER * plain
+    if parts and (not is_read_otherwise or wrong_parts(readings[0].T, seen, survey.index)):
+        return _unfit(verdict, "; ".join(parts))
     straight = correction.T
     if wrong := _misread(T, seen, readings, correction, plain):
         return _unfit(verdict, f"{CONTRADICTED}{wrong}")
     if contradiction := seen.contradiction(straight, step_m):
         return _unfit(verdict, f"{CONTRADICTED}: {contradiction}: do they belong to this dive?")
     advice_lines = list(correction.advice)
-    if advice_lines and readings and _are_alike(readings, correction, plain):
+    if advice_lines and readings and _are_alike(readings[0], correction, plain, seen):
         advice_lines[-1] += f"; or, as likely, {named(readings)}"
     advice_lines += _deviations(straight, seen, survey.index, step_m if is_rounded else 0.0)
     return replace(
@@ -229,9 +233,15 @@ def _misread(
     return f": {depths}" if depths else ""
 
 
-def _are_alike(readings: Sequence[PoseReading], correction: "_Correction", plain: float) -> bool:
-    best = readings[0].misfit
-    return best < BETTER * plain and best <= ALIKE_MISFIT * correction.misfit
+def _are_alike(
+    reading: PoseReading, correction: "_Correction", plain: float, seen: SeenMotion
+) -> bool:
+    """Tell whether a reading explains as much as a correction, by the median and by all."""
+    return (
+        reading.misfit < BETTER * plain
+        and reading.misfit <= ALIKE_MISFIT * correction.misfit
+        and LESS_COST * seen.cost(reading.T) <= seen.cost(correction.T)
+    )
 
 
 def _deviations(T: Array, seen: SeenMotion, index: FrameIndex, step_m: float) -> list[str]:
@@ -269,32 +279,33 @@ def _correction(T: Array, seen: SeenMotion, plain: float, config: MappingConfig)
     turn, north = constant_turn(Motions.of(T, edges)), north_of(T, seen.spans or seen.edges)
     turned = T.copy()
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
-    is_compass = north.believed and abs(north.angle_rad) < MAX_TURN_RAD
-    found = [
-        _Correction(corrected, seen.misfit(corrected), (advice,))
+    is_compass = abs(north.angle_rad) < MAX_TURN_RAD
+    both = [
+        (believed, _Correction(corrected, seen.misfit(corrected), (advice,)))
         for believed, corrected, advice in (
             (turn.believed, turned, _turn_advice(turn, config)),
-            (is_compass, north.undone(T), _north_advice(north)),
+            (north.believed and is_compass, north.undone(T), _north_advice(north)),
         )
-        if believed
     ]
-    found = [one for one in found if one.misfit < TURN_HELPS * plain]
-    found.sort(key=lambda one: one.misfit)
-    if len(found) == 2 and found[1].misfit < ALIKE_MISFIT * found[0].misfit:
-        found[0] = replace(
-            found[0], advice=("; or, as likely, ".join(one.advice[0] for one in found),)
-        )
-    chains = [_with_lever_arm(one, seen) for one in (_Correction(T, plain), *found[:1])]
+    both = [one for one in both if one[1].misfit < TURN_HELPS * plain]
+    found = min((one for is_sure, one in both if is_sure), key=lambda one: one.misfit, default=None)
+    if found is not None:  # the other may be as likely where it alone is not sure
+        most = ALIKE_MISFIT * found.misfit
+        rivals = [one.advice[0] for _, one in both if one is not found and one.misfit < most]
+        found = replace(found, advice=("; or, as likely, ".join([*found.advice, *rivals]),))
+    chains = [
+        _with_lever_arm(one, seen) for one in (_Correction(T, plain), found) if one is not None
+    ]
     return min(chains, key=lambda one: one.misfit * ALIKE_MISFIT ** len(one.advice))
 
 
 def _with_lever_arm(before: _Correction, seen: SeenMotion) -> _Correction:
     """The poses of the camera where they are of another point of the vehicle."""
-    arm_m = lever_arm(Motions.of(before.T, seen.spans or seen.edges))
-    if arm_m is None:
+    arm = lever_arm(Motions.of(before.T, seen.spans or seen.edges))
+    if arm is None:
         return before
-    T = before.T @ pose(np.eye(3), -arm_m)
-    after = _Correction(T, seen.misfit(T), (*before.advice, _lever_advice(arm_m)))
+    T = before.T @ pose(np.eye(3), -arm[0])
+    after = _Correction(T, seen.misfit(T), (*before.advice, _lever_advice(*arm)))
     return after if after.misfit < before.misfit else before
 
 
@@ -428,12 +439,13 @@ def attitudes_equal(T_world_camera: Array) -> bool:
     return len(R) > 1 and float(np.abs(R - R[0]).max()) < STILL_RAD
 
 
-def _lever_advice(arm_m: Array) -> str:
-    right, down, forward = arm_m
+def _lever_advice(arm_m: Array, std_m: Array) -> str:
+    parts = zip(arm_m, std_m, ("right", "down", "forward"), strict=True)
+    where = ", ".join(f"{along:+.2f} ± {std:.2f} {axis}" for along, std, axis in parts)
     return (
         f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera "
-        f"({right:+.2f} right, {down:+.2f} down, {forward:+.2f} forward), which was taken "
-        "into account: if they are positions of a vehicle, set mapping.mount.xyz_m"
+        f"({where}), which was taken into account: if they are positions of a vehicle, set "
+        "mapping.mount.xyz_m"
     )
 
 

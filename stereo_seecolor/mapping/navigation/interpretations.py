@@ -87,9 +87,8 @@ def interpretations(
         and np.isfinite(index.timestamps_s).any()
     )
     if has_clock:
-        most = min(SETTINGS.clock_misfit, SETTINGS.clock_better * seen.misfit(T))
         clocks = of_other_clocks(index, trajectory, config, seen.thinned(CLOCK_EDGES).misfit)
-        yield from (one for one in clocks if seen.misfit(one[1]) < most)
+        yield from (one for one in clocks if _is_clock(one[1], T, seen))
     # the rotations of a table of angles are of no quaternion or matrix
     of_matrices = trajectory.T_vehicle_camera is None
     starts = [("", T), ("the quaternion's w first", w_first(T))][: 1 + of_matrices]
@@ -114,6 +113,17 @@ def interpretations(
         reading
         for reading in (*_of_other_units(T, seen.edges), *_of_other_north(T, seen))
         if misfit(reading[1], seen.edges) < SETTINGS.estimated_misfit
+    )
+
+
+def _is_clock(by_clock: Array, T: Array, seen: SeenMotion) -> bool:
+    """Tell whether poses by another clock (N, 4, 4) fit far better than T, by the median or, where
+    noise covers most of the track, by all relative poses; costs are squares of misfits.
+    """
+    left = seen.misfit(by_clock)
+    return left < SETTINGS.clock_misfit and (
+        left < SETTINGS.clock_better * seen.misfit(T)
+        or seen.cost(by_clock) < SETTINGS.clock_better**2 * seen.cost(T)
     )
 
 

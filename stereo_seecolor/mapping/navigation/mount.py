@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.geometry import nearest_rotation, rotation_from_vector, rotation_vector
-from stereo_seecolor.mapping.navigation.motions import Motions
+from stereo_seecolor.mapping.navigation.motions import LEAST_EDGES, Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.robust_statistics import weighted_median_and_error
 
@@ -140,9 +140,9 @@ def mount_with(turn: Turn, mount: MountConfig) -> str:
     return f"mapping.mount.rpy_deg=[{roll:.1f},{pitch:.1f},{yaw:.1f}]"
 
 
-def lever_arm(motions: Motions) -> Array | None:
+def lever_arm(motions: Motions) -> tuple[Array, Array] | None:
     """Estimate the vector from the camera to the point whose positions are given, (3,) in the
-    camera's axes, meters; None where it is not significant.
+    camera's axes, and its standard errors (3,), meters; None where it is not significant.
 
     motions: over spans, where the camera turns the most, if they are known. A point at l moves by
     t + (R - I) l where the camera moves by R, t.
@@ -156,10 +156,16 @@ def lever_arm(motions: Motions) -> Array | None:
             np.einsum("n,nki,nkj->ij", weight, turns, turns) + np.eye(3) / SETTINGS.prior_m**2
         )
         arm_m = covariance @ np.einsum("n,nki,nk->i", weight, turns, off_m)
-    before_m, after_m = np.linalg.norm(off_m, axis=1), np.linalg.norm(off_m - turns @ arm_m, axis=1)
-    explains = np.median(after_m) < SETTINGS.left * np.median(before_m)
-    sure = (np.abs(arm_m) / np.sqrt(np.diag(covariance))).max() > SETTINGS.sigmas
-    return arm_m if explains and sure and np.linalg.norm(arm_m) > SETTINGS.least_m else None
+    arms = turns @ arm_m
+    before_m, after_m = np.linalg.norm(off_m, axis=1), np.linalg.norm(off_m - arms, axis=1)
+    # on straight lines an arm moves nothing: it is judged where it does
+    shows = np.linalg.norm(arms, axis=1) > np.median(after_m)
+    explains = np.count_nonzero(shows) >= LEAST_EDGES and np.median(
+        after_m[shows]
+    ) < SETTINGS.left * np.median(before_m[shows])
+    sure = np.sqrt(arm_m @ np.linalg.inv(covariance) @ arm_m) > SETTINGS.sigmas
+    believed = explains and sure and np.linalg.norm(arm_m) > SETTINGS.least_m
+    return (arm_m, np.sqrt(np.diag(covariance))) if believed else None
 
 
 def _weights(off: Array, floor: float) -> Array:

@@ -33,7 +33,8 @@ def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
 
     Raises MappingError for a map upside down.
     """
-    seen = [int(i) for i in np.flatnonzero(placement.components >= 0) if len(index.points_m[i])]
+    placed = np.flatnonzero(placement.components >= 0).tolist()
+    seen = [i for i in placed if len(index.points_m[i])]
     if not seen:
         raise MappingError("no frame of the track has a measured range: there is nothing to fuse")
     if up == "z":
@@ -63,10 +64,14 @@ def _check(T: NDArray[np.float64], index: FrameIndex, frames: list[int]) -> None
 
 def _level(index: FrameIndex, T: NDArray[np.float64], frames: list[int]) -> NDArray[np.float64]:
     """(4, 4) turn that makes the plane through all that was seen horizontal, below the cameras."""
-    points = np.concatenate([transform_points(T[i], index.points_m[i]) for i in frames])
-    center = points.mean(axis=0)
-    normal = np.linalg.svd(points[:: max(1, len(points) // SAMPLE)] - center, full_matrices=False)[
-        2
-    ][2]
+    step = max(1, sum(len(index.points_m[i]) for i in frames) // SAMPLE)
+    total, count, some = np.zeros(3), 0, []
+    for i in frames:  # all at once would take more memory than all else
+        points = transform_points(T[i], index.points_m[i])
+        total = np.vstack([total, points]).sum(axis=0)
+        some.append(points[-count % step :: step])
+        count += len(points)
+    center = total / count
+    normal = np.linalg.svd(np.concatenate(some) - center, full_matrices=False)[2][2]
     towards_cameras = T[frames, :3, 3].mean(axis=0) - center
     return pose(rotation_to_z(normal * np.sign(normal @ towards_cameras)), np.zeros(3))

@@ -6,6 +6,7 @@ Seams between views are placed where neighboring views agree.
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.mosaic_blend import blend
+from stereo_seecolor.mapping.raster.mosaic_blend import SeenCells, blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 
@@ -281,60 +282,25 @@ def _paint(
     more where its color differs from the median of all views: fish, shadows and badly placed frames
     lose there, and seams move to where views agree.
     """
-    found = _seen(cells, views, geometry)
-    return np.zeros((4, *cells.z_m.shape), np.uint8) if found is None else blend(*found)
+    found = [one for one in core_pool().map(partial(_seen, cells, geometry), views) if one]
+    if not found:
+        return np.zeros((4, *cells.z_m.shape), np.uint8)
+    return blend(*_compared(found, cells.z_m.shape))
 
 
 def _seen(
-    cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedPair
-) -> tuple[NDArray[np.uint8], Float, Float] | None:
-    """Colors (n, h, w, 3) and costs (n, h, w) of the cells in the views that see any, and the mean
-    color (h, w, 3); None where no view does. The weights of the mean are a third of all memory, and
-    let go before the views are blended.
+    cells: Cells, geometry: RectifiedPair, view: tuple[_Sight, Array]
+) -> tuple[SeenCells, Float] | None:
+    """What a frame sees of the cells, and the weight (h, w) of each color in the mean of all views;
+    None where it sees none.
     """
-    shape = len(views), *cells.z_m.shape
-    colors, costs, weights = (
+    sight, T_local_camera = view
+    shape = cells.z_m.shape
+    color, cost, weight = (
         np.zeros((*shape, 3), np.uint8),
         np.empty(shape, np.float32),
         np.zeros(shape, np.float32),
     )
-
-    def project(k: int) -> bool:
-        return _project(cells, views[k], geometry, colors[k], costs[k], weights[k])
-
-    sees_any = list(core_pool().map(project, range(len(views))))
-    if not any(sees_any):
-        return None
-    if not all(sees_any):
-        # one copy at a time
-        colors = colors[sees_any]
-        costs = costs[sees_any]
-        weights = weights[sees_any]
-    mean = np.zeros((*cells.z_m.shape, 3), np.float32)
-    cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
-    in_parts(
-        lambda first, last: agree(
-            colors, costs, weights, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last
-        ),
-        len(mean),
-    )
-    return colors, costs, mean
-
-
-def _project(
-    cells: Cells,
-    view: tuple[_Sight, Array],
-    geometry: RectifiedPair,
-    color: NDArray[np.uint8],
-    cost: Float,
-    weight: Float,
-) -> bool:
-    """Write a frame's color (h, w, 3), cost and weight (h, w) of the cells, the cost infinite where
-    the frame does not see a cell.
-
-    False where it sees none.
-    """
-    sight, T_local_camera = view
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
     limits = np.array(
         [
@@ -349,4 +315,42 @@ def _project(
         np.ascontiguousarray(T_local_camera[:3, 3]),
         camera, sight.color, sight.range_m, sight.doubtful, limits, color, cost, weight,
     )  # fmt: skip
-    return count > 0
+    if not count:
+        return None
+    known = np.isfinite(cost)
+    rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return SeenCells(part, color[part].copy(), cost[part].copy()), weight[part].copy()
+
+
+def _compared(
+    found: list[tuple[SeenCells, Float]], shape: tuple[int, int]
+) -> tuple[list[SeenCells], Float]:
+    """The views with costs that grow with the distance of their colors from the median of all
+    views, and the mean color (H, W, 3) of all. found: what ``_seen`` found, and is emptied, as it
+    is much of the memory.
+    """
+    parts = [view.part for view, _ in found]
+    color = np.concatenate([view.color.reshape(-1, 3) for view, _ in found])
+    cost = np.concatenate([view.cost.ravel() for view, _ in found])
+    weight = np.concatenate([own.ravel() for _, own in found])
+    found.clear()
+    boxes = np.array([(r.start, r.stop, c.start, c.stop) for r, c in parts], np.int64)
+    sizes = boxes[:, 1::2] - boxes[:, ::2]
+    ends = np.cumsum(sizes.prod(axis=1))
+    boxes = np.column_stack([boxes, ends - sizes.prod(axis=1)])
+    mean = np.zeros((*shape, 3), np.float32)
+    cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
+    in_parts(
+        lambda first, last: agree(
+            boxes, color, cost, weight, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last
+        ),
+        len(mean),
+    )
+    views = [
+        SeenCells(part, own_color.reshape(*size, 3), own_cost.reshape(size))
+        for part, size, own_color, own_cost in zip(
+            parts, sizes, np.split(color, ends[:-1]), np.split(cost, ends[:-1]), strict=True
+        )
+    ]
+    return views, mean

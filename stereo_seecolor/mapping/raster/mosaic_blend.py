@@ -2,6 +2,7 @@
 all views, with soft seams.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -31,33 +32,51 @@ class BlendSettings:
 SETTINGS = BlendSettings()
 
 
-def blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.uint8]:
-    """Paint each cell from the view of least smoothed cost, in the color of the mean, with soft
-    seams: (4, h, w) RGBA.
-
-    Alpha is 0 where no view sees the cell. colors: (views, h, w, 3); costs: (views, h, w), infinite
-    where a view does not see it.
+@dataclass(frozen=True, eq=False)
+class SeenCells:
+    """What a view sees of a window of cells: all of it lies in a part of the window, of rows and
+    columns, in which color (h, w, 3) uint8 and cost (h, w) float32, infinite where it does not see
+    the cell.
     """
-    seen = np.isfinite(costs)
-    visible, best = seen.any(axis=0), _cheapest(costs, seen)
+
+    part: tuple[slice, slice]
+    color: NDArray[np.uint8]
+    cost: Float
+
+    def in_window(self, shape: tuple[int, int]) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
+        """Which cells (H, W) of the whole window it sees, and its colors (H, W, 3), else 0."""
+        seen, color = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.uint8)
+        seen[self.part], color[self.part] = np.isfinite(self.cost), self.color
+        return seen, color
+
+
+def blend(views: Sequence[SeenCells], mean: Float) -> NDArray[np.uint8]:
+    """Paint each cell from the view of least smoothed cost, in the color of the mean (H, W, 3),
+    with soft seams: (4, H, W) RGBA.
+
+    Alpha is 0 where no view sees the cell.
+    """
+    best = _cheapest(views, mean.shape[:2])
     total, sums = np.zeros(best.shape, np.float32), np.zeros((*best.shape, 3), np.float32)
-    for k in range(len(colors)):
+    for k, view in enumerate(views):
         mine = best == k
         window = _around(mine)
         if window is None:
             continue
+        seen, color = view.in_window(best.shape)
         weight = (
             cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px)
-            * seen[k][window]
+            * seen[window]
         )
         total[window] += weight
-        sums[window] += weight[..., None] * _as_the_mean(colors[k], seen[k], mean, window)
+        sums[window] += weight[..., None] * _as_the_mean(color, seen, mean, window)
     result = np.zeros((4, *best.shape), np.uint8)
     result[:3] = (
         np.clip(np.rint(sums / np.maximum(total, 1e-6)[..., None]), 0, 255)
         .astype(np.uint8)
         .transpose(2, 0, 1)
     )
+    visible = best >= 0
     result[3] = np.where(visible, 255, 0)
     result[:3, ~visible] = 0
     return result
@@ -97,19 +116,19 @@ def _coarse_band(color: Float) -> Float:
     )
 
 
-def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int16]:
-    """Find for each cell the view whose cost, averaged over its neighborhood, is least: (h, w), -1
+def _cheapest(views: Sequence[SeenCells], shape: tuple[int, int]) -> NDArray[np.int16]:
+    """Find for each cell the view whose cost, averaged over its neighborhood, is least: (H, W), -1
     where none sees the cell.
     """
-    size, least = (SETTINGS.smooth_px,) * 2, np.full(costs.shape[1:], np.inf, np.float32)
-    best = np.full(costs.shape[1:], -1, np.int16)
-    for k in range(len(costs)):
-        fraction = cv2.blur(seen[k].astype(np.float32), size)
-        mean = cv2.blur(np.where(seen[k], costs[k], np.float32(0)), size) / np.maximum(
-            fraction, 1e-6
-        )
-        better = seen[k] & (mean < least)
-        least[better], best[better] = mean[better], k
+    size, least = (SETTINGS.smooth_px,) * 2, np.full(shape, np.inf, np.float32)
+    best = np.full(shape, -1, np.int16)
+    for k, view in enumerate(views):
+        seen, cost = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        known = np.isfinite(view.cost)
+        seen[view.part], cost[view.part] = known, np.where(known, view.cost, np.float32(0))
+        mean = cv2.blur(cost, size) / np.maximum(cv2.blur(seen, size), 1e-6)
+        better = known & (mean[view.part] < least[view.part])
+        least[view.part][better], best[view.part][better] = mean[view.part][better], k
     return best
 
 

@@ -28,17 +28,13 @@ def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling
 
     Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
     """
-    points = [
-        component.survey.index.points_m[i]
-        for i in component.frames
-        if len(component.survey.index.points_m[i])
-    ]
-    if config.mosaic_m or not points:
+    if config.mosaic_m:
         return config
-    pixel_m = (
-        float(np.median([np.median(own[:, 2]) for own in points]))
-        / component.survey.geometry.focal_px
-    )
+    points_m = (component.survey.index.points_m[int(i)] for i in component.frames)
+    depths_m = [np.median(own[:, 2]) for own in points_m if len(own)]
+    if not depths_m:
+        return config
+    pixel_m = float(np.median(depths_m)) / component.survey.geometry.focal_px
     area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
     cell_m = max(pixel_m, min(float(np.sqrt(area_m2 / SETTINGS.cells)), config.mosaic_cell_m))
     return config.model_copy(update={"mosaic_m": rounded(cell_m)})

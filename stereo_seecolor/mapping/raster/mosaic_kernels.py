@@ -107,6 +107,7 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any, y: int, x: 
 
 @compiled
 def agree(
+    boxes: Any,
     color: Any,
     cost: Any,
     weight: Any,
@@ -120,42 +121,45 @@ def agree(
     cost its distance from their median.
 
     first, last: the rows from the one to before the other.
-    color: (views, h, w, 3) uint8. cost: (views, h, w), infinite where a view does not see the cell.
+    boxes: (views, 5) int64: rows from the first number to before the second and columns from the
+    third to before the fourth, whose cells lie row by row, from the fifth on, in: color (n, 3)
+    uint8; cost (n,), infinite where a view does not see the cell.
     weight: as cost, of the mean; a color that is off the median by ``outlier_levels`` weighs half
     (Cauchy).
     """
-    views, _, width = cost.shape
+    views, width = len(boxes), mean.shape[1]
     values, seeing, off = np.empty(views, np.int32), np.empty(views, np.int64), np.empty(views)
     for r in range(first, last):
         for c in range(width):
             count = 0
             for view in range(views):
-                if cost[view, r, c] < np.inf:
-                    seeing[count] = view
-                    off[count] = 0
-                    count += 1
+                top, bottom, left, right, start = boxes[view]
+                if top <= r < bottom and left <= c < right:
+                    at = start + (r - top) * (right - left) + c - left
+                    if cost[at] < np.inf:
+                        seeing[count] = at
+                        off[count] = 0
+                        count += 1
             for k in range(3):
-                median = _median(color, r, c, k, seeing, count, values)
+                median = _median(color, k, seeing, count, values)
                 for n in range(count):
-                    off[n] += abs(color[seeing[n], r, c, k] - median)
+                    off[n] += abs(color[seeing[n], k] - median)
             total = 0.0
             for n in range(count):
-                cost[seeing[n], r, c] += cost_a_level * off[n]
-                w = weight[seeing[n], r, c] / (1 + (off[n] / (3 * outlier_levels)) ** 2)
+                cost[seeing[n]] += cost_a_level * off[n]
+                w = weight[seeing[n]] / (1 + (off[n] / (3 * outlier_levels)) ** 2)
                 total += w
                 for k in range(3):
-                    mean[r, c, k] += (color[seeing[n], r, c, k] - mean[r, c, k]) * (w / total)
+                    mean[r, c, k] += (color[seeing[n], k] - mean[r, c, k]) * (w / total)
 
 
 @compiled(inline=True)
-def _median(
-    color: Any, row: int, column: int, k: int, seeing: Any, count: int, values: Any
-) -> float:
-    """Of a channel of a cell, over the first ``count`` views of ``seeing``; 0 of none. values: room
-    for as many, int32.
+def _median(color: Any, k: int, seeing: Any, count: int, values: Any) -> float:
+    """Of channel k over the first ``count`` rows of ``seeing``; 0 of none. values: room for as
+    many, int32.
     """
     for n in range(count):
-        value = np.int32(color[seeing[n], row, column, k])
+        value = np.int32(color[seeing[n], k])
         for place in range(n):  # sorts it in without branches, which would hang on the colors
             values[place], value = min(values[place], value), max(values[place], value)
         values[n] = value

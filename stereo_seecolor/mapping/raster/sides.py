@@ -19,6 +19,8 @@ STEP_STDS = 6.0
 """Standard errors of a height by which it must be: no step is smaller than the noise."""
 SIDES_SEEN = 0.5
 """Part of its sides in the mesh from which a thing is taken to reach down to the ground."""
+PART = 100_000
+"""Triangles that are measured at once: all of a tile of terrain would take 300 MiB."""
 FALLS = ((0, 1), (0, -1), (1, 1), (1, -1))
 """Axis and shift of the four cells beside each."""
 
@@ -34,15 +36,16 @@ def area_over(
     """(H, W) square meters of mesh over, and below, each cell. points_m: (V, 3). triangles:
     (T, 3).
     """
-    a, b, c = np.moveaxis(np.asarray(points_m, np.float64)[triangles], 1, 0)
-    area_m2 = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    column, row = np.rint(grid.pixels((a + b + c) / 3)).astype(np.int64).T
     height, width = grid.shape
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    cell = row[inside] * width + column[inside]
-    return np.asarray(
-        np.bincount(cell, area_m2[inside], height * width).reshape(height, width), np.float64
-    )
+    over_m2 = np.zeros(height * width)
+    for first in range(0, len(triangles), PART):
+        corners = np.asarray(points_m[triangles[first : first + PART]], np.float64)
+        a, b, c = np.moveaxis(corners, 1, 0)
+        area_m2 = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        column, row = np.rint(grid.pixels((a + b + c) / 3)).astype(np.int64).T
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        np.add.at(over_m2, row[inside] * width + column[inside], area_m2[inside])
+    return over_m2.reshape(height, width)
 
 
 def sides_seen(heights: Array, mesh_m2: Array, cell_m: float, gap_m: float) -> NDArray[np.bool_]:

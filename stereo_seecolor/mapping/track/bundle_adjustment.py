@@ -6,8 +6,7 @@ its own standard error. Levenberg-Marquardt; points are eliminated first (Triggs
 the frames' equations are solved in a sparse order.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,8 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, State
 from stereo_seecolor.mapping.track.image_errors import disparity_errors
-from stereo_seecolor.mapping.track.known_points import Known, KnownPlace
+from stereo_seecolor.mapping.track.known_points import KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import Prior
-from stereo_seecolor.mapping.track.shared_points import TrackObservations
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
@@ -57,36 +55,21 @@ class Adjusted:
     scale: tuple[float, float]
 
 
-def adjust(
-    T_world_camera: Array,
-    observations: TrackObservations,
-    geometry: RectifiedPair,
-    priors: Sequence[Prior] = (),
-    known: Sequence[Known] = (),
-) -> Adjusted:
-    """Poses (N, 4, 4) adjusted; the observations' frames, and the priors', are their numbers. All
-    must be connected.
+def adjust(T_world_camera: Array, stated: BundleProblem, geometry: RectifiedPair) -> Adjusted:
+    """Poses (N, 4, 4) adjusted, under a Cauchy kernel. All frames of the problem must be connected.
 
-    known: lengths between points, and their places. Without known places and priors the first stays
-    where it is, and standard errors are relative to it. Under a Cauchy kernel.
-    How far to trust directions and depths is learned from the residuals: what a matcher states is
-    right within a factor.
+    Without known places and priors the first stays where it is, and standard errors are relative to
+    it.
+    stated: with the errors that a matcher states. They are right within a factor: how far to trust
+    directions and depths is learned from the residuals.
     Without observations all stay where they are.
     """
     T, std = T_world_camera.copy(), np.full((len(T_world_camera), 2), np.nan)
-    if not len(observations.frame):
+    if not len(stated.point):
         return Adjusted(T, std, (1.0, 1.0))
-    if not priors and not any(isinstance(one, KnownPlace) for one in known):
-        first = int(observations.frame.min())
-        priors = [
-            Prior(
-                first,
-                T[first],
-                np.full(3, SETTINGS.held_std),
-                SETTINGS.held_std,
-            )
-        ]
-    stated = BundleProblem.of(observations, priors, known)
+    if not stated.priors and not any(isinstance(one, KnownPlace) for one in stated.known):
+        held = np.full(3, SETTINGS.held_std), SETTINGS.held_std
+        stated = replace(stated, priors=[Prior(0, T[stated.frames[0]], *held)])
     state, scale = State(T[stated.frames], stated.first_places(T[stated.frames])), (1.0, 1.0)
     for tolerance in SETTINGS.tolerances:
         problem, used = stated.scaled(*scale), scale

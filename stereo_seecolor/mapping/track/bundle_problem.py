@@ -30,6 +30,8 @@ ROWS = 32
 """Frames whose equations points are eliminated from at once: the products of their observations
 take some 20 MB, those of all frames would take more than all else.
 """
+SLICE = 10_000
+"""Observations that are taken off the frames' equations at once, for the same reason."""
 BEHIND = 1e6
 """Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one
 there looks better.
@@ -78,9 +80,14 @@ class BundleProblem:
 
     @classmethod
     def of(
-        cls, observations: TrackObservations, priors: Sequence[Prior], known: Sequence[Known]
+        cls,
+        observations: TrackObservations,
+        priors: Sequence[Prior] = (),
+        known: Sequence[Known] = (),
     ) -> "BundleProblem":
-        """Set up the problem from observations with their stated errors."""
+        """Set up the problem from observations with their stated errors; frames of these and of
+        priors are their numbers. known: lengths between points, and their places.
+        """
         order = np.argsort(observations.point, kind="stable")
         frames = np.union1d(
             observations.frame, np.array([prior.frame for prior in priors], np.int64)
@@ -207,9 +214,11 @@ class BundleProblem:
 
         self._each_frame(state, work)
         own_g = np.add.reduceat(own, self.start[:-1])
-        points = (step.V @ own_g[:, :, None])[self.point]
-        taken = (step.W.transpose(0, 2, 1) @ points)[:, :, 0]
-        np.subtract.at(right, self.frame, taken)
+        points = step.V @ own_g[:, :, None]
+        for first in range(0, len(own), SLICE):
+            some = slice(first, first + SLICE)
+            taken = step.W[some].transpose(0, 2, 1) @ points[self.point[some]]
+            np.subtract.at(right, self.frame[some], taken[:, :, 0])
         kept = np.flatnonzero(self._own >= 0)
         right[self._own[kept], :3] = own_g[kept]
         return step.blocks.solve_for(right)[: len(self.frames)]

@@ -142,20 +142,21 @@ class FrameBlocks:
 
     @cached_property
     def _factors(self) -> list[tuple[Array, Array | None]]:
-        """Of each part its Cholesky factor, and that of the part below it, None for the last."""
+        """Of each part its Cholesky factor, and that of the part below it, None for the last; in
+        place of the equations, which nothing else needs then.
+        """
         factors: list[tuple[Array, Array | None]] = []
         for k, own in enumerate(self.diagonal):
             coupling = factors[-1][1] if k else None
-            if coupling is not None:
-                own = own - coupling @ coupling.T
-            L = cholesky(own, lower=True, check_finite=False)
-            more = k < len(self.below)
-            factors.append(
-                (
-                    L,
-                    solve_triangular(L, self.below[k].T, lower=True, check_finite=False).T
-                    if more
-                    else None,
-                )
+            L = own.T  # by columns, as LAPACK has it
+            L[:] = cholesky(
+                own if coupling is None else own - coupling @ coupling.T,
+                lower=True,
+                check_finite=False,
             )
+            if k < len(self.below):
+                self.below[k] = solve_triangular(
+                    L, self.below[k].T, lower=True, check_finite=False
+                ).T
+            factors.append((L, self.below[k] if k < len(self.below) else None))
         return factors

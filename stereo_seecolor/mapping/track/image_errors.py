@@ -7,7 +7,7 @@ or long by a percent (Kreso and Segvic 2015 found the same on street stereo). Wh
 scene is motion; what stays where it is in the image is the camera's.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,22 +201,22 @@ def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:
     return found[:, :, :terms]
 
 
-def disparity_errors(points: Array, geometry: RectifiedPair) -> list[Array]:
+def disparity_errors(points: Array, geometry: RectifiedPair) -> Iterator[Array]:
     """Ramps (x, y) and bends (x x, x y, y y) of the disparity that all frames share, each as large
     as its standard deviation.
 
     Ramps look like a turn of the camera, so that no dive shows them, and a track bends by them.
 
-    Returns:
+    Yields:
         Five errors of points (n, 3) in image space, each (n, 3).
     """
     corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
     x, y = points[:, 0] / corner, points[:, 1] / corner
     inverse_m = SETTINGS.disparity_px / (geometry.focal_px * geometry.baseline_m)
-    none = np.zeros_like(x)
-    return [
-        np.stack([none, none, inverse_m * term], axis=1) for term in (x, y, x * x, x * y, y * y)
-    ]
+    for first, second in ((x, 1.0), (y, 1.0), (x, x), (x, y), (y, y)):
+        error = np.zeros_like(points)
+        error[:, 2] = inverse_m * (first * second)
+        yield error
 
 
 def _thinned(pair: FramePair) -> FramePair:

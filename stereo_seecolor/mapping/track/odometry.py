@@ -308,8 +308,8 @@ def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
     candidates |= set(loop_closure.between_components(guess.components[index.order]))
     for component in range(guess.components.max() + 1):
         frames = np.flatnonzero(guess.components == component)
-        frames = frames[np.argsort(rank[frames])]
-        points = ((int(rank[i]), transform_points(guess.T[i], index.points_m[i])) for i in frames)
+        ordered = frames[np.argsort(rank[frames])].tolist()
+        points = ((int(rank[i]), transform_points(guess.T[i], index.points_m[i])) for i in ordered)
         candidates |= set(loop_closure.by_overlap(points, SETTINGS.window))
     return track.measure(
         sorted(candidates), f"closing loops, round {number + 1}", loop=True, guess=guess

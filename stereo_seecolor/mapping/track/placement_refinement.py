@@ -13,6 +13,7 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import pose_graph
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
+from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
 from stereo_seecolor.mapping.track.fiducials import Marks
 from stereo_seecolor.mapping.track.known_points import Known
 from stereo_seecolor.mapping.track.odometry import Track
@@ -102,7 +103,9 @@ def _adjusted(T: Array, part: _Part) -> Adjusted:
     known: list[Known] = []
     if part.marks:
         found, known = part.marks.joined(found, set(part.frames))
-    return adjust(T, found, part.track.survey.geometry, part.priors, known)
+    problem = BundleProblem.of(found, part.priors, known)
+    del found  # the problem holds it, too, in another order
+    return adjust(T, problem, part.track.survey.geometry)
 
 
 def _by_windows(T: Array, part: _Part) -> Array:

@@ -2,15 +2,18 @@
 wrong water shows in what charts are off.
 """
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import SampleRun
 from numpy.typing import NDArray
 
 from stereo_seecolor.cli import main
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.charts.camera_matrix import CameraMatrix, camera_matrix
 from stereo_seecolor.extras.evaluation.charts.chart_types import CHART_TYPES, CLASSIC, ChartType
 from stereo_seecolor.extras.evaluation.charts.chart_white import (
@@ -19,8 +22,10 @@ from stereo_seecolor.extras.evaluation.charts.chart_white import (
     survey_white,
 )
 from stereo_seecolor.extras.evaluation.charts.targets import Target, chart
+from stereo_seecolor.extras.evaluation.water import measure_white
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.finished_run import open_run
 
 SIZE = (96, 128)
 WHITE = np.array([0.25, 0.6, 0.5])
@@ -199,6 +204,31 @@ def test_a_white_card_needs_no_chart() -> None:
     )
     np.testing.assert_allclose(seen.white, np.log(WHITE) - np.log(WHITE).mean(), atol=0.01)
     assert seen.range_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("camera", [None, CAMERA])
+def test_patches_in_another_order_are_no_chart(camera: NDArray[np.float64] | None) -> None:
+    white = white_of([1.0, 3.5], some_water(), camera)
+    for seen in white.patches_in(white.set_in(some_water())):
+        assert seen and seen.is_in_order
+        turned = replace(seen, color=seen.color[::-1], error=seen.error[::-1])
+        order = np.arange(24).reshape(4, 6)[:, ::-1].ravel()
+        mirrored = replace(seen, color=seen.color[order], error=seen.error[order])
+        assert not turned.is_in_order and not mirrored.is_in_order
+        assert replace(turned, error=np.full(24, np.nan)).is_in_order  # nothing is known
+
+
+def test_targets_of_other_frames_or_outside_the_image_are_named(
+    sample_run: SampleRun, tmp_path: Path
+) -> None:
+    name, targets = open_run(sample_run.out).frames[0].name, tmp_path / "targets.json"
+    with pytest.raises(InputError, match="a target at 5000, 5 reaches outside the corrected image"):
+        measure_white(sample_run.out, white=[f"{name}:5000,5"])
+    for frame, said in (("GOPR1", "names no frame of the run"), (name, "reaches outside")):
+        corners = [[10, 10], [9000, 10], [9000, 60]]
+        targets.write_text(json.dumps({frame: [{"polygon": corners}]}))
+        with pytest.raises(InputError, match=said):
+            measure_white(sample_run.out, targets)
 
 
 @pytest.mark.parametrize("words", [[], ["--poses", "track.tum", "--chart"]])

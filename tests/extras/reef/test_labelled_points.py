@@ -101,6 +101,14 @@ def test_tables_are_read_as_coralnet_and_spreadsheets_write_them(
     assert read_points(tmp_path / "other.csv", posed) == read_points(tmp_path / "plain.csv", posed)
 
 
+def test_a_point_that_is_listed_twice_counts_once(posed: PosedRun, tmp_path: Path) -> None:
+    """Else its fraction would seem surer than it is; empty rows are those of spreadsheets."""
+    text = "f1.png,2,30,a\nf1.png,7,5,b\n"
+    (tmp_path / "once.csv").write_text(HEAD + text)
+    (tmp_path / "twice.csv").write_text(HEAD + text + text + ",,,\n , ,,\n")
+    assert read_points(tmp_path / "twice.csv", posed) == read_points(tmp_path / "once.csv", posed)
+
+
 def test_points_of_a_frame_that_the_map_lacks_are_counted_as_unseen(
     posed: PosedRun, tmp_path: Path
 ) -> None:
@@ -113,7 +121,8 @@ def test_points_of_a_frame_that_the_map_lacks_are_counted_as_unseen(
 def test_cover_is_counted_by_label_and_written(fused: Path, tmp_path: Path) -> None:
     with rasterio.open(fused / "map/orthomosaic.tif") as mosaic:
         row, column = mosaic.height // 2, mosaic.width // 2
-    text = "".join(f"0_0.png,{row},{column},{label}\n" for label in ("Sand", "CCA", "Sand", "Sand"))
+    labels = enumerate(("Sand", "CCA", "Sand", "Sand"), column)
+    text = "".join(f"0_0.png,{row},{place},{label}\n" for place, label in labels)
     (tmp_path / "annotations.csv").write_text("Name,Row,Column,Label code\n" + text)
     result = metrics(fused, folder=tmp_path / "to", points=tmp_path / "annotations.csv")
     assert [(each.label, each.points, each.fraction) for each in result.point_cover] == [
@@ -149,6 +158,11 @@ def test_the_interval_is_wilsons() -> None:
         (HEAD + "reef.png,1,1,a\n", r"line 2: 'reef.png' is neither a frame of the run nor a tile"),
         (HEAD + "f1.png,1,100000,a\n", r"line 2: 'f1.png' has \d+ x \d+ pixels, not one in row 1"),
         (HEAD + "f1.png,1.5,2,a\n", r"line 2: Row and Column are not whole numbers"),
+        ("Name,Row,Column,Label,Row\nf1.png,1,2,a,9\n", r"has 2 columns 'row': leave one"),
+        (
+            HEAD + "f1.png,1,2,a\nf1.png,1,2,b\n",
+            r"line 3: labels a point as 'b' that is 'a' in a line above",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_named(

@@ -546,6 +546,7 @@ def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None
     assert code == 3  # b lies outside the picture
     assert float(found[0]["surface"]) == pytest.approx(float(found[0]["value"]), rel=0.1)
     assert (found[1]["measure"], found[1]["value"]) == ("b", "")
+    assert found[1]["note"].startswith("place 1: lies outside the corrected image of ")
 
 
 @pytest.mark.slow
@@ -580,7 +581,7 @@ def test_a_table_that_cannot_be_used_is_named(
 def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("x,y\n1,2\n")
     with pytest.raises(
-        InputError, match=r"has no column 'measure': give the columns measure, frame"
+        InputError, match=r"has no column 'measure' in its first line: give the columns measure"
     ):
         measure(out, tmp_path / "points.csv")
 

@@ -4,6 +4,8 @@ hold.
 
 import csv
 import json
+import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -445,6 +447,19 @@ def test_an_outline_with_a_hole_covers_the_cells_whose_centers_it_holds() -> Non
 def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flat bottom at z = 0, seen from 1.5 m by five frames 0.3 m apart."""
     return write_map(tmp_path_factory.mktemp("run") / "out", flat_frames(5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", ["range", "mask"])
+def test_metrics_without_a_frame_of_the_map_are_refused(
+    fused: Path, tmp_path: Path, folder: str
+) -> None:
+    """Heights whose noise is not known would be taken for rough ground."""
+    out = shutil.copytree(fused, tmp_path / "out")
+    gone = sorted((out / folder).iterdir())[2]
+    gone.unlink()
+    with pytest.raises(InputError, match=f"{re.escape(str(gone))}: is missing or damaged"):
+        metrics(out)
 
 
 @pytest.mark.slow

@@ -56,6 +56,8 @@ class MatrixSettings:
     of its fit: what little is left of the backscatter looks like a camera, too (0.7 on the sample
     dive, whose camera is sRGB's).
     """
+    orders: int = 200
+    """Random orders of its patches that a chart must fit better than."""
 
 
 SETTINGS = MatrixSettings()
@@ -88,6 +90,23 @@ class SeenPatches:
             if known.any()
             else float("nan")
         )
+
+    @property
+    def is_in_order(self) -> bool:
+        """Whether the patches differ less from their published colors than in any of many random
+        orders, as those of a chart do, in any water, and those of another thing, or of a chart
+        turned around, do not. Too few patches tell nothing.
+        """
+        known = np.isfinite(self.error)
+        if known.sum() < SETTINGS.least_patches:
+            return True
+        color, published = self.color[known], self.published[known]
+        rng = np.random.default_rng(0)
+        least = min(
+            float(np.median(_differences(color, rng.permutation(published))))
+            for _ in range(SETTINGS.orders)
+        )
+        return self.ciede2000(np.eye(3)) < least
 
 
 @dataclass(frozen=True, eq=False)
