@@ -129,7 +129,7 @@ def test_a_spot_that_is_not_there_is_named(
     for place, said in (
         ("0001", "needs FRAME:x,y"),
         ("9:1,2", "no frame '9'"),
-        ("0001:9999,1", "none of the given targets"),
+        ("0001:9999,1", "reaches outside the corrected image"),
     ):
         code, _, error = cli("water", tmp_path / "out", "--white", place)
         assert code == 1 and said in " ".join(error.split())
