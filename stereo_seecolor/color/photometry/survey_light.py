@@ -262,7 +262,9 @@ def _choose_color(
     candidates = _candidates(allowed, unknown, [unknown], patterns)
     colors = [window.log_light - _luminance(window) for window in windows]
     chosen = choose(windows, colors, candidates, frames)
-    return chosen if crossed >= CROSSING_SETTINGS.color else chosen.without_pattern(windows, colors)
+    if crossed >= CROSSING_SETTINGS.color or not chosen.use.pattern:
+        return chosen
+    return chosen.without_pattern(windows, colors)
 
 
 def _light(luminance: Choice, color: Choice, windows: Sequence[Window], even: Light) -> Light:

@@ -128,9 +128,10 @@ def measure_white(
     given = _spots(names, {"white": white, "sand": sand}) or (
         read_targets(targets) if targets else None
     )
-    _check_places(targets, given or {}, SurveyFrames(run).geometry.image_size, names)
+    frames = SurveyFrames(run)
+    _check_places(targets, given or {}, frames.geometry.image_size, names)
     scene = _one_water(run, list(names))
-    search = _TargetSearch(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
+    search = _TargetSearch(names, frames, RawImages(run), scene, _light_of(run), given)
     seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
     kept = believed(seen, scene) if given is None else seen
     left_out = tuple(f"{one.frame}: {one.target}" for one in seen if one not in kept)
