@@ -29,7 +29,7 @@ AS_CALIBRATED_PX = 1.0
 wrong reading better.
 """
 FITS = "this reading fits the images"
-UNDECIDED = "the images do not decide, the most usual reading is taken"
+UNDECIDED = "the images do not decide, and the most common reading is used"
 
 
 def resolve_convention(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
@@ -95,4 +95,4 @@ def _by_causes(
     order = np.argsort(costs, kind="stable")
     if not costs[order[1]] > costs[order[0]] + PENALTY:
         return usual, UNDECIDED
-    return int(order[0]), "this reading leaves the least to be explained by other faults"
+    return int(order[0]), "this reading leaves the fewest other faults"

@@ -151,16 +151,17 @@ class Causes:
                     for one in self.parts
                 )
                 return (
-                    "no one cause explains all pairs, but other ones their beginning "
-                    f"({before}) and their end ({after}): zoom, focus, crop or mode changed in the "
-                    "dive: process both parts separately, each with its own calibration"
+                    "no single cause explains all pairs, but one explains their beginning "
+                    f"({before}) and another their end ({after}): zoom, focus, crop or mode "
+                    "changed in the dive: process both parts separately, each with its own "
+                    "calibration"
                 )
             times = float(np.sqrt(self.best.misfit / self.numbers))
             return (
                 "no cause that was tested explains it: the best one leaves "
-                f"{times:.1f} times what points and usual lens models leave; the error of "
-                "ranges is unknown: several faults at once, moving things, or pairs that are not "
-                "of one moment: calibrate again, and compare a known length"
+                f"{times:.1f} times the errors of points and usual lens models; the error of "
+                "ranges is unknown: several faults at once, moving objects, or pairs not exposed "
+                "at the same moment: calibrate again, and compare a known length"
             )
         # of rivals that leave ranges right one is enough, and none where the best does as well
         harmless = [one for one in self._all if not one.is_wrong][:1]

@@ -48,7 +48,7 @@ GIVE_RECTIFIED = (
     "or one focal length without distortion and rotation), or the raw images"
 )
 WRONG_WAY = "the translation between the cameras points the wrong way, in the calibration"
-REVERSE = "use -T, or -R T if it is the place of the right camera"
+REVERSE = "use -T, or -R T if it is the position of the right camera"
 TURNED, MIRRORED, MIRRORED_DOWN = (True, True), (True, False), (False, True)
 _AS_IT_IS = (False, False)
 
@@ -88,15 +88,15 @@ def rectified_like(rig: StereoRig) -> StereoRig:
 
 
 def _images(sides: str, how: str, fix: str, left: Flip, right: Flip) -> Mistake:
-    what = f"the {sides} images are {how} against the calibration"
+    what = f"the {sides} images are {how} relative to the calibration"
     return Mistake(what, fix, lambda rig: rig, left, right)
 
 
 _FLIPS = (
     (
-        "turned by 180 degrees",
-        "turn them as they were when calibrated (or remove their EXIF orientation, if the "
-        "calibration was made without it)",
+        "rotated by 180 degrees",
+        "rotate them as for the calibration (or remove their EXIF orientation, if the calibration "
+        "was made without it)",
         TURNED,
     ),
     ("mirrored, left to right,", "mirror them back", MIRRORED),

@@ -118,7 +118,7 @@ def likely_mistake(
         if given.is_behind
         else ""
     )
-    as_given = f"{behind}{given.off_px:.1f} px off their lines as given"
+    as_given = f"{behind}{given.off_px:.1f} px off their epipolar lines as given"
     on_one_side = [one for one in MISTAKES if one.is_mirrored and one.left != one.right]
     others = [one for one in MISTAKES if one not in on_one_side]
     most_px = LIMITS.alike * fit_of(rival, points).off_px if rival else np.inf
@@ -131,9 +131,7 @@ def likely_mistake(
     if len(mirrored.left) < LIMITS.better * len(points.left):
         return None
     back = Matches(mirrored.left, np.abs([width - 1, 0] - mirrored.right))
-    as_given = (
-        f"{len(points.left)} points look alike as given and {len(back.left)} with one side mirrored"
-    )
+    as_given = f"{len(points.left)} points match as given, {len(back.left)} with one side mirrored"
     return _explaining(rig, back, on_one_side, NOTHING, as_given)
 
 
@@ -166,8 +164,8 @@ def _explaining(
     fix = mistake.fix
     if mistake.is_mirrored and given.is_behind:
         fix += (
-            "; the inverse transform of a rig of which a camera has moved since would look the "
-            "same, and is the more usual mistake"
+            "; the inverse transform of a rig in which a camera has moved since would look the "
+            "same, and is a more common mistake"
         )
     if not mistake.is_mirrored and any(other.is_mirrored for _, other, _ in alike):
         fix += "; images mirrored on both sides would look the same: mirror them back if they are"

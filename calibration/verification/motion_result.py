@@ -140,10 +140,10 @@ class Motion:
         if self.is_misfit:
             return (
                 f"motion between {counted(self.couples, 'couple')} of neighboring pairs fits no "
-                f"rigid bottom: {self.rest_px:.2f} px are left, {self.own_px:.2f} px where each "
+                f"rigid bottom: {self.rest_px:.2f} px are left, {self.own_px:.2f} px if each "
                 "couple has an error of its own; an offset, a focal length and errors over rows "
                 "and columns do not explain it, and the error of ranges is unknown: moving "
-                "things, or pairs that differ: compare a known length"
+                "objects, or pairs that differ: compare a known length"
             )
         if self.between_px:
             return self.between
@@ -181,18 +181,18 @@ class Motion:
         if not self.between_rows:
             return (
                 f"disparities differ from pair to pair by {self.between_px:.1f} px (median) and "
-                f"fit no one rig: ranges are wrong by about {error:.0%}, by another amount in each "
-                "pair: images shifted along the baseline from frame to frame (stabilization of a "
-                "side), or sides not of one moment: switch stabilization off, trigger both cameras "
-                "together"
+                f"fit no single rig: ranges are wrong by about {error:.0%}, by a different amount "
+                "in each pair: images shifted along the baseline from frame to frame "
+                "(stabilization of a side), or sides that were not exposed at the same moment: "
+                "switch stabilization off, trigger both cameras together"
             )
         rolls = self.rolled_px > LIMITS.explained * self.between_px
         cause = (
-            "images that are turned from frame to frame explain it, which rows show, too "
+            "images that rotate from frame to frame explain it, and rows show this, too "
             f"({self.rolled_px:.1f} px): stabilization, or a loose camera"
             if rolls
-            else f"rows show no such roll of a camera ({self.rolled_px:.1f} px): as rolling "
-            "shutters that read rows in opposite directions, or not at one moment, while the "
+            else f"rows show no such roll of a camera ({self.rolled_px:.1f} px): rolling "
+            "shutters that read rows in opposite directions, or at different moments, while the "
             "cameras move sideways: mount and trigger both cameras alike, or move slowly"
         )
         return (

@@ -138,8 +138,7 @@ def _in_water(rig: StereoRig, more: float) -> StereoRig:
 LARGER = Amount(1, 1e-3, 1.5, zero=1)
 """Narrow modes of action cameras keep a half of each side."""
 CUT_OUT = Cause(
-    "images of both sides cut out of the calibrated ones and enlarged {} +- {} times, to their "
-    "size",
+    "images of both sides cropped and enlarged {} +- {} times, to the calibrated size",
     LARGER,
     "give the whole images, or a calibration of this (or of the stabilized) mode",
     _of_sides(_enlarged, "left", "right"),
@@ -168,8 +167,8 @@ def _cut_out_of_larger(rig: StereoRig, part: float) -> StereoRig:
 
 
 CROPPED = Cause(
-    "images of both sides cut out of larger ones, of which the calibration is (their middle lies "
-    "{} +- {} of the way to its principal points; 1: a crop of the middle)",
+    "images of both sides cropped from larger ones, which were calibrated (the center of the crop "
+    "lies {} +- {} of the way to the principal points; 1: a crop of the middle)",
     Amount(1, 1e-2, 1.5, 0.5, zero=0),
     "give the whole images, or subtract the crop's left and upper edge from the principal points",
     _cut_out_of_larger,
@@ -183,16 +182,16 @@ IN_AIR = Cause(
 )
 LENSES = (
     *(
-        Cause(f"{of} otherwise (k1 by {{}} +- {{}})", Amount(1, 1e-3, 0.5), OTHER, make)
+        Cause(f"another distortion of {of} (k1 by {{}} +- {{}})", Amount(1, 1e-3, 0.5), OTHER, make)
         for of, make in (
-            ("lenses that bend", _of_sides(_bent, "left", "right")),
-            ("a lens of the right side that bends", _of_sides(_bent, "right")),
-            ("a lens of the left side that bends", _of_sides(_bent, "left")),
+            ("both lenses", _of_sides(_bent, "left", "right")),
+            ("the right lens", _of_sides(_bent, "right")),
+            ("the left lens", _of_sides(_bent, "left")),
         )
     ),
     Cause(
-        "lenses that bend {} +- {} times as much as calibrated (0: images without distortion "
-        "already; -1: coefficients of the other sign)",
+        "a distortion of both lenses of {} +- {} times the calibrated one (0: images without "
+        "distortion already; -1: coefficients of the other sign)",
         Amount(1, 1e-2, 2.5, 0.75, zero=1),  # less is rather another k1
         "give images as the camera took them, or a calibration of these images",
         _of_sides(_bent_more, "left", "right"),
@@ -213,7 +212,7 @@ CAUSES = (
     ),
     Cause("a roll of a camera by {} +- {} degrees", RADIANS, MOVED, _turned(AXIS)),
     Cause(
-        "images shifted along the baseline by {} +- {} px (cut out, "
+        "images shifted along the baseline by {} +- {} px (cropped, "
         "stabilized, another mode, a wrong principal point)",
         PIXELS,
         OTHER,
@@ -232,15 +231,14 @@ CAUSES = (
         for of, why, sides in (
             ("the right side", "", ("right",)),
             ("the left side", "", ("left",)),
-            ("both sides", " (by a third where one of air is used in water)", ("left", "right")),
+            ("both sides", " (by a third if one of air is used in water)", ("left", "right")),
         )
     ),
     CUT_OUT,
     CROPPED,
     *(
         Cause(
-            f"images of the {side} side cut out of the calibrated ones and enlarged {{}} +- {{}} "
-            "times",
+            f"images of the {side} side cropped and enlarged {{}} +- {{}} times",
             replace(LARGER, least=0.04),  # less is rather another focal length
             OTHER,
             _of_sides(_enlarged, side),
@@ -250,8 +248,8 @@ CAUSES = (
     IN_AIR,
     *LENSES,
     Cause(
-        "disparities that grow over the rows, by {} +- {} px at the edge, as rolling shutters make "
-        "them that read rows in opposite directions, or not at one moment",
+        "disparities that grow over the rows, by {} +- {} px at the edge: rolling shutters that "
+        "read rows in opposite directions, or at different moments",
         replace(PIXELS, most=50.0),
         "mount and trigger both cameras alike, or move slowly",
         None,

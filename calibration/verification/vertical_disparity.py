@@ -139,9 +139,9 @@ class RowCheck:
             )
         if self.rectified_already:
             return (
-                f"{RECTIFIED}: as they are their rows agree to {self.unrectified_px:.2f} px, and "
-                "after rectification by this "
-                f"calibration to {self.row_error_px:.2f} px: {GIVE_RECTIFIED}"
+                f"{RECTIFIED}: without rectification rows agree to {self.unrectified_px:.2f} px, "
+                f"after rectification by this calibration to {self.row_error_px:.2f} px: "
+                f"{GIVE_RECTIFIED}"
             )
         return ""
 
@@ -221,10 +221,10 @@ class RowCheck:
             return (self.change,)
         if self.swapped:
             return (
-                f"{self.behind_fraction:.0%} of the points lie behind infinity: left and right are "
-                "exchanged, the transform between them is the inverse one, or the images are "
-                "turned by 180 degrees or mirrored against the calibration; a camera has moved "
-                "since, too, so that rows do not tell which",
+                f"{self.behind_fraction:.0%} of the points lie behind the cameras: left and right "
+                "are exchanged, the transform between them is the inverse one, or the images are "
+                "rotated by 180 degrees or mirrored relative to the calibration; a camera has also "
+                "moved since, so rows do not show which",
             )
         advice = []
         found = self.causes.is_wrong or self._left.is_found
@@ -237,7 +237,7 @@ class RowCheck:
         """The report line by line, the verdict last."""
         verdict = "acceptable" if self.acceptable else "NOT acceptable"
         rows_alone = not (self.acceptable or self.ranges_are_wrong or self.odd)
-        only = ": rows alone; nothing that was found changes ranges by 2 %"
+        only = ": rows alone; no cause that was found changes ranges by 2 %"
         return [
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity "
             f"{self.row_error_px:.2f} px (median); {self._movement} leave "
@@ -298,7 +298,7 @@ class RowCheck:
     def _explanation(self) -> str:
         """What does not fit, by how much, and what explains it."""
         if self._agree:
-            what = "rows that agree to a quarter of a pixel contradict the calibration all the same"
+            what = "rows agree to a quarter of a pixel, but contradict the calibration"
             if self.motion.is_found:
                 what = "neighboring pairs contradict the calibration"
         elif self._is_drift:
@@ -311,7 +311,7 @@ class RowCheck:
         if self.no_rig:
             return (
                 f"{what}: the pairs differ among themselves by {self.between_pairs_px:.1f} px, as "
-                "pictures of one moving camera do, and pairs that are not of one moment"
+                "do images of one moving camera, and pairs not exposed at the same moment"
             )
         if self.causes is NOT_TESTED and self._is_drift:
             return f"{what}: {MOVED}"
@@ -321,8 +321,8 @@ class RowCheck:
         if self._contradiction:
             return f"{what}: {self._contradiction}"
         return (
-            f"{what}: no movement, lens or mode explains it: pairs that are not of one "
-            "moment, moving things, or images too noisy or blurred to be matched"
+            f"{what}: no movement, lens or mode explains it: pairs not exposed at the same "
+            "moment, moving objects, or images too noisy or blurred to be matched"
         )
 
     @property

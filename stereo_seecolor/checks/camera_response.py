@@ -90,9 +90,9 @@ def _balanced(images: Sequence[Image]) -> tuple[str, ...]:
         return ()
     return (
         f"response: {len(images)} frames of the dive have the same mean of red, of green and of "
-        f"blue, to {spread:.2%}: each was balanced by itself before it was saved. The gains of "
-        "frames are solved where frames show the same spots; save frames without automatic balance "
-        "where you can",
+        f"blue, to {spread:.2%}: each was balanced separately before it was saved. The gains of "
+        "frames are estimated from spots that several frames show; if you can, save frames without "
+        "automatic white balance",
     )
 
 

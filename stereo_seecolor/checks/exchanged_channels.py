@@ -42,6 +42,6 @@ def exchanged_channels_notes(
         return ()
     return (
         "water: the colors and their change with range fit known waters better with red and blue "
-        "exchanged (odds of more than 100 to 1): if the water was not brown, set "
+        "exchanged (odds of more than 150 to 1): if the water was not brown, set "
         "input.channels=bgr",
     )

@@ -81,10 +81,10 @@ def disparities(images: DiveImages) -> DiveVerdict:
     if how and -right[how] > redder + TURNED:
         return DiveVerdict(
             (
-                f"range: {name} is {how} against its image: turned back its ranges have a rank "
-                f"correlation of {right[how]:+.2f} with the redness of the image, as water makes "
-                f"it, and {redder:+.2f} as it is; as disparities they would have {-redder:+.2f}: "
-                "turn the maps",
+                f"range: {name} is {how} relative to its image: turned back, its ranges have a "
+                f"rank correlation of {right[how]:+.2f} with the redness of the image, as water "
+                f"makes it, and {redder:+.2f} as it is; as disparities they would have "
+                f"{-redder:+.2f}: turn the maps",
             ),
             RANGES | COLORS,
         )

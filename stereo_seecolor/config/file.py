@@ -72,9 +72,9 @@ RENAMED = {
     ),
     "matching.model": "it is now matching.engine=NET.onnx",
     "measuring": "the error of lengths follows from the calibration's own standard errors; "
-    "mapping.markers.bars holds a map to bars of known length",
-    "mapping.loop_closure": "places seen before are always recognized where GTSAM is installed",
-    "mapping.bundle_adjustment": "poses are adjusted wherever GTSAM is installed",
+    "mapping.markers.bars scales a map by bars of known length",
+    "mapping.loop_closure": "loops are always closed where GTSAM is installed",
+    "mapping.bundle_adjustment": "bundle adjustment always runs where GTSAM is installed",
     **dict.fromkeys(
         (f"mapping.mount.{key}" for key in ("surge_m", "sway_m", "heave_m")),
         "it is now mapping.mount.xyz_m=[surge, sway, heave]",

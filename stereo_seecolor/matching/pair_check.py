@@ -37,7 +37,7 @@ class PairCheckConstants:
 
 
 PAIR_CHECK_CONSTANTS = PairCheckConstants()
-NO_OVERLAP = "the two images do not show the same thing"
+NO_OVERLAP = "the two images do not show the same scene"
 ROWS_OFF = "their rows are off"
 """Part of the messages of pairs that fail for this reason; a run then tests their neighbors."""
 
@@ -116,8 +116,8 @@ class PairCheck:
             return ""
         return (
             f"{ROWS_OFF} by {rows_px:.1f} px (median of {len(found.left)} points that both images "
-            "show): a camera has moved since the calibration (run --refine mends that), or the "
-            "images are not of one moment"
+            "show): a camera has moved since the calibration (run --refine corrects this), or the "
+            "images were not exposed at the same moment"
         )
 
     def _check_swapped(self, name: str, matched: float, raw: Callable[[], StereoFrame]) -> None:

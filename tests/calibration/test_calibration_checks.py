@@ -69,7 +69,7 @@ def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None
     rig = pinhole_rig()
     check = judge_matches(rig, [matches_of(enlarged(rig, factor), rig)])
     assert check.cut_out and not check.has_moved and not check.air_in_water
-    said = re.search(r"of both sides cut out .* enlarged (\S+) \+-", check.advice[0])
+    said = re.search(r"of both sides cropped and enlarged (\S+) \+-", check.advice[0])
     assert said and float(said[1]) == pytest.approx(factor, rel=0.02)
 
 
@@ -81,7 +81,7 @@ def test_a_small_cut_that_looks_like_a_moved_camera_is_said_with_what_it_does_to
     rig = pinhole_rig()
     check = judge_matches(rig, [matches_of(enlarged(rig, 1.03), rig)])
     assert check.causes.best and check.causes.best.range_error == pytest.approx(-0.03, abs=0.015)
-    assert "cut out of the calibrated ones and enlarged 1.03" in check.advice[0]
+    assert "cropped and enlarged 1.03" in check.advice[0]
     rolled = judge_matches(rig, [matches_of(moved_rig(rig, np.array([0, 0.003, 0, 0])), rig)])
     assert "a camera has moved since; calibrate again" in rolled.advice[0]
 
@@ -133,7 +133,7 @@ def test_pairs_of_a_moving_camera_are_no_rig_that_has_moved() -> None:
         rig, [matches_of(moved_rig(rig, pose), rig, seed=i) for i, pose in enumerate(poses)]
     )
     assert check.no_rig and not check.has_moved
-    assert "as pictures of one moving camera do" in check.advice[0]
+    assert "as do images of one moving camera" in check.advice[0]
     drifted = [matches_of(moved_rig(rig, poses[0]), rig, seed=seed) for seed in range(6)]
     assert not judge_matches(rig, drifted).no_rig
 
@@ -206,7 +206,7 @@ def test_swapped_folders_are_told() -> None:
     matches = matches_of(rig, rig)
     check = judge_matches(rig, [Matches(matches.right, matches.left)])
     assert check.swapped and not check.acceptable
-    assert re.search("exchanged.* turned by 180 degrees or mirrored", check.advice[0])
+    assert re.search("exchanged.* rotated by 180 degrees or mirrored", check.advice[0])
 
 
 def test_too_few_points_say_so() -> None:
@@ -366,4 +366,4 @@ def test_only_what_a_camera_can_move_by_is_refined(row_px: float, moved: bool) -
     check = RowCheck(3, 500, row_px, row_px, 1.0, 0.0, 0.1 * row_px, 0.0)
     assert check.has_moved == moved
     assert ("a camera has moved" in check.advice[0]) == moved
-    assert ("not of one moment" in check.advice[0]) != moved
+    assert ("not exposed at the same moment" in check.advice[0]) != moved

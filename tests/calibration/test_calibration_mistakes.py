@@ -64,7 +64,7 @@ MISTAKES = {
         rig, rig.R.T, rig.T_right_left[:3, 3]
     ),
     "points the wrong way": lambda rig: changed(rig, rig.R, -rig.T_right_left[:3, 3]),
-    "-R T if it is the place of the right camera": lambda rig: changed(
+    "-R T if it is the position of the right camera": lambda rig: changed(
         rig, rig.R, -rig.R.T @ rig.T_right_left[:3, 3]
     ),
     "lenses of left and right are exchanged": lambda rig: replace(
@@ -112,7 +112,7 @@ def test_images_that_were_turned_are_named(
     monkeypatch.setattr(mistakes, "similar_points", lambda *_: turned)
     found = likely_mistake(rig, [IMAGES])
     assert found is not None
-    assert f"the {' and '.join(sides)} images are turned by 180 degrees" in found.line
+    assert f"the {' and '.join(sides)} images are rotated by 180 degrees" in found.line
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -261,7 +261,7 @@ def test_a_reading_is_right_if_it_leaves_the_fewest_faults() -> None:
     assert rows_px[1] < rows_px[0] - 5
     settled = settle_matches(replace(wrong, alternatives=(true,)), raw)
     np.testing.assert_array_equal(settled.R, true.R)
-    assert "the least to be explained by other faults" in settled.doubts[-1]
+    assert "leaves the fewest other faults" in settled.doubts[-1]
 
 
 LEFT = {"camera_matrix": RIG.left.K.tolist(), "dist_coeffs": RIG.left.distortion.tolist()}

@@ -67,7 +67,7 @@ def test_maps_upside_down_are_no_disparities(tmp_path: Path) -> None:
     rocks_m = 1 + 3 * y**2 + np.sin(9 * x) * (0.2 + y)
     upside_down = rocks_m[::-1].astype(np.float32)
     (note,) = disparities(folder(tmp_path, CLEAR, upside_down, VEIL, rocks_m)).notes
-    assert "is upside down against its image" in note
+    assert "is upside down relative to its image" in note
 
 
 def test_disparities_of_a_plane_may_be_ranges_upside_down(tmp_path: Path) -> None:

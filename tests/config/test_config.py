@@ -101,7 +101,7 @@ def test_dumped_configuration_loads_again() -> None:
         ("mapping.max_speed_m_s=5", r"a step faster than 3 m/s and than three times the usual"),
         ("matching.model=net.onnx", r"it is now matching\.engine=NET\.onnx$"),
         ("matching.engine=onnx", r"name the network's file itself: matching\.engine=NET\.onnx"),
-        ("mapping.loop_closure=false", r"places seen before are always recognized"),
+        ("mapping.loop_closure=false", r"loops are always closed"),
         ("mapping.mount=5", r"mapping\.mount: "),
         (
             "mapping.mount={xyz: [1, 0, 0]}",

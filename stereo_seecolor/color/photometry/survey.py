@@ -257,7 +257,9 @@ def _as_exposed(water: Water, factor: float, config: ColorConfig) -> Water:
     """The water scaled to a frame that is ``factor`` times as bright as the survey."""
     if config.camera_exposure == "brightness":
         return exposed(water, factor)
-    warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
+    warning = (
+        f"{factor:.3g} times the survey's brightness: another camera exposure, taken into account"
+    )
     return replace(exposed(water, factor), warnings=(*water.warnings, warning))
 
 

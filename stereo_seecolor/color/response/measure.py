@@ -80,7 +80,7 @@ class MeasuredResponse:
         if not any(self.response.pedestal):
             return ""
         values = ", ".join(f"{255 * value:.0f}" for value in self.response.pedestal)
-        return f"; pedestal of {values} of 255 (R, G, B) taken off"
+        return f"; pedestal of {values} of 255 (R, G, B) subtracted"
 
 
 UNDECIDED = MeasuredResponse(Response(), "undecided", np.nan)

@@ -18,12 +18,12 @@ def doubts(table: MomentTable) -> tuple[str, ...]:
     if (table.counts[:, :, 0].sum(axis=1) == number).all():
         return ("the frame is black where the range is known: the water is a guess",)
     if table.counts[:, :, -1].sum() > 0.5 * 3 * number:
-        return ("the frame is blown out where the range is known: the water is a guess",)
+        return ("the frame is overexposed where the range is known: the water is a guess",)
     near, far = relief_m(table)
     if far < LEAST_RELIEF * near:
         return (
-            f"no relief (ranges {near:.2f} to {far:.2f} m): one frame cannot tell its water; "
-            "lock the water over the survey",
+            f"no relief (ranges {near:.2f} to {far:.2f} m): one frame does not determine its "
+            "water; use color.lock=survey",
         )
     return ()
 

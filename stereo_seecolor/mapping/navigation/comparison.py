@@ -419,8 +419,8 @@ def _still(T_world_camera: Array, seen: SeenMotion, position_step_m: float) -> s
         if unexplained_m > STUCK_SCATTER * given_m or not given_m:
             return (
                 f"the given positions hardly move (by {given_m:.2f} m where the images move by "
-                f"{measured_m:.2f} m, medians), and otherwise than these: they stay at one place, "
-                "as of a sensor that repeats its last fix"
+                f"{measured_m:.2f} m, medians), in other directions: they stay at one place, as "
+                "of a sensor that repeats its last fix"
             )
         if given_m < STILL * measured_m:
             return (

@@ -170,8 +170,8 @@ def test_pictures_that_build_on_a_missing_message_are_left_out(b_frames, tmp_pat
     bag = write_bag(tmp_path / "b.mcap", both(left, coded("right", b_frames)))
     pairing = open_dive(bag, "", InputConfig()).pairing
     after = {number for number, _ in left[9:] if number < 2 * GROUP}
-    (note,) = [note for note in pairing.notes if "build on" in note]
-    assert f"{len(after)} of {FRAMES - 1} pictures build on one that is missing" in note
+    (note,) = [note for note in pairing.notes if "depend on" in note]
+    assert f"{len(after)} of {FRAMES - 1} pictures depend on a missing one" in note
     check_pictures(pairing.pairs, [n for n in range(FRAMES) if n not in after | {gone}])
 
 

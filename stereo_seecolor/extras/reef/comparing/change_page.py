@@ -85,7 +85,7 @@ def _evidence(change: SiteChange) -> list[tuple[str, str]]:
     at, std_mm = change.registration, 1000 * np.sqrt(np.diag(change.registration.covariance))
     return [
         (
-            "Features that look alike, and agree on one place",
+            "Features that match; of these, in agreement",
             f"{at.matches}, {at.agreeing}, within {1000 * at.feature_rms_m:.1f} mm",
         ),
         ("Ground that fits, and its spread", f"{at.stable:.0%}, {1000 * at.spread_m:.1f} mm"),
@@ -96,7 +96,7 @@ def _evidence(change: SiteChange) -> list[tuple[str, str]]:
             ", ".join(f"{value:.2f}" for value in std_mm[3:]) + " mm",
         ),
         (
-            "The same of its turn about east, north, up",
+            "Standard error of its rotation about east, north, up",
             ", ".join(f"{value:.2f}" for value in std_mm[:3]) + " mrad",
         ),
         (

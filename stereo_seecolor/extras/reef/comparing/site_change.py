@@ -80,8 +80,7 @@ def compare_sites(a: Site, b: Site, cell_m: float, calibration: float) -> SiteCh
     found = difference(before, after, a_errors, b_errors, registration)
     if np.isfinite(found.dz_m).sum() < LEAST_OVERLAP_CELLS:
         raise ComparingError(
-            "the surveys hardly overlap: errors are learned from ground that both saw, and here "
-            "is too little"
+            "the surveys overlap too little: errors are estimated from ground that both show"
         )
     color = color_change(before, after)
     surface = _surface(a.mesh, moved, before, (a_errors, b_errors), found)

@@ -57,7 +57,7 @@ class CodedVideo:
         if frame is None:
             raise InputError(
                 f"{self._where}: the picture of {entry.stamp_ns / 1e9:.3f} s cannot be decoded: it "
-                "is damaged, or one that it builds on is"
+                "is damaged, or a frame that it depends on is"
             )
         return encode_tiff(pixels(frame))
 
@@ -67,7 +67,7 @@ class CodedVideo:
             raise InputError(
                 f"{self._where}: none of its {len(self._sent)} messages is a keyframe "
                 f"({self._codec}), from which decoding could begin: record it again with "
-                "keyframes, one a second, say"
+                "keyframes, for example one a second"
             )
         kept, early, lost, is_broken = [], 0, 0, False
         for i, (entry, coded) in enumerate(zip(self._sent, self._coded, strict=True)):
@@ -82,7 +82,7 @@ class CodedVideo:
                 kept.append(entry)
         counts = (
             (early, "come before its first keyframe"),
-            (lost, "build on one that is missing, up to the next keyframe"),
+            (lost, "depend on a missing one, up to the next keyframe"),
         )
         notes = tuple(
             f"{self._where}: {count} of {len(self._sent)} pictures {why}: left out"
