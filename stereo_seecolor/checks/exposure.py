@@ -50,7 +50,7 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
         return (
             (
                 f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color "
-                "not recoverable"
+                "is beyond recovery"
             ),
         )
     return ()

@@ -47,7 +47,7 @@ PRODUCTS: dict[str, Product] = {
     "range_std": Product("range", ".tiff", "standard error of the range, meters"),
     "confidence": Product("range", ".png", "confidence of the range, 0..255 for 0..1"),
     "mask": Product(
-        "corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color not recoverable"
+        "corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color beyond recovery"
     ),
     "clouds": Product("corrected", ".ply", "colored points in meters, left rectified camera, PLY"),
     "original/corrected": Product(

@@ -34,8 +34,8 @@ def gray(value: int, patch: int, fraction: float) -> np.ndarray:
         (
             gray(90, 255, 0.5),
             (
-                "overexposed: 50% of the frame is clipped by the camera, and its color not "
-                "recoverable",
+                "overexposed: 50% of the frame is clipped by the camera, and its color is "
+                "beyond recovery",
             ),
         ),
     ],

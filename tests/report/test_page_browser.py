@@ -496,7 +496,7 @@ def test_measures_are_undone_labelled_kept_and_exported(
         "bleached",
     )
     page.get_by_role("button", name="Measure").click()
-    page.get_by_role("button", name="Delete measure 1").click()
+    page.get_by_role("button", name="Delete measurement 1").click()
     expect(page.locator(".measures tbody tr")).to_have_count(0)
     page.get_by_role("button", name="Undo").click()
     expect(page.locator(".measures tbody tr")).to_have_count(1)
@@ -946,7 +946,7 @@ def test_measures_beside_the_page_are_found_in_another_browser_and_tabs_share_th
     report(out)
     theirs = opened(new_context())
     expect(labels(theirs).nth(1)).to_have_value("Porites")
-    theirs.get_by_role("button", name="Delete measure 1").click()
+    theirs.get_by_role("button", name="Delete measurement 1").click()
     theirs.reload()
     theirs.get_by_role("button", name="Point", exact=True).click()
     expect(labels(theirs)).to_have_count(1)
@@ -964,7 +964,7 @@ def test_random_points_are_labelled_counted_and_saved(on_map: Page, tmp_path: Pa
     for name in ("Sand", "Sand", "Rock", "Sand", "Sponge"):
         label.fill(name)
         label.press("Enter")
-    on_map.get_by_role("button", name="Take back the last label").click()
+    on_map.get_by_role("button", name="Remove the last label").click()
     on_map.get_by_role("button", name="This point is Sand").click()
     expect(on_map.locator(".cover output").first).to_have_text("5 of 12 labeled")
     first = on_map.locator(".cover tbody tr").first.locator("td")
@@ -1013,7 +1013,7 @@ def test_random_points_beside_the_page_are_found_in_another_browser(
     theirs.reload()
     expect(done(theirs)).to_have_text("3 of 12 labeled")
     for _ in range(4):
-        theirs.get_by_role("button", name="Take back the last label").click()
+        theirs.get_by_role("button", name="Remove the last label").click()
     expect(done(theirs)).to_have_text("0 of 10 labeled")
     assert measure(out, out / "measures.json") == []
 
@@ -1034,7 +1034,7 @@ def test_labels_that_are_typed_one_after_the_other_all_stay(
         page.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
         expect(page.locator("#map .measures tbody tr")).to_have_count(number)
     for number in (1, 2, 3):
-        box = box_of(page.get_by_label(f"Label of measure {number}", exact=True))
+        box = box_of(page.get_by_label(f"Label of measurement {number}", exact=True))
         page.mouse.click(box["x"] + 10, box["y"] + box["height"] / 2)
         page.keyboard.type(f"Sand {number}")
     assert [each["label"] for each in stored(page)] == ["Sand 1", "Sand 2", "Sand 3"]
@@ -1061,13 +1061,13 @@ def test_a_button_beside_a_field_is_pressed_by_the_click_that_leaves_the_field(
         box = box_of(on_map.locator(".map-stage"))
         on_map.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
         expect(on_map.locator("#map .measures tbody tr")).to_have_count(number)
-    on_map.get_by_label("Label of measure 1", exact=True).click()
+    on_map.get_by_label("Label of measurement 1", exact=True).click()
     on_map.keyboard.type("Rock")
-    on_map.get_by_role("button", name="Delete measure 2").click()
+    on_map.get_by_role("button", name="Delete measurement 2").click()
     expect(on_map.locator("#map .measures tbody tr")).to_have_count(1)
-    on_map.get_by_label("Label of measure 1", exact=True).click()
+    on_map.get_by_label("Label of measurement 1", exact=True).click()
     on_map.keyboard.type("s")
-    on_map.get_by_role("button", name="Take back the last measure labeled Rocks").click()
+    on_map.get_by_role("button", name="Remove the last measurement labeled Rocks").click()
     expect(on_map.locator("#map .measures tbody tr")).to_have_count(0)
 
 
@@ -1129,7 +1129,7 @@ def test_points_that_others_replace_come_back(on_map: Page) -> None:
     on_map.get_by_label("How many points").fill("12")
     on_map.get_by_role("button", name="Random points").click()
     expect(on_map.locator(".cover output").first).to_have_text("0 of 12 labeled")
-    on_map.get_by_role("button", name="Take back the last label").click()
+    on_map.get_by_role("button", name="Remove the last label").click()
     expect(on_map.locator(".cover output").first).to_have_text("1 of 10 labeled")
 
 
@@ -1230,7 +1230,7 @@ def test_points_go_to_coralnet_and_come_back_with_labels(
         f"{100 * 9 / 13:.3g} %",
         f"{low:.3g} to {high:.3g} %",
     ]
-    on_map.get_by_role("button", name="Take back the last label").click()
+    on_map.get_by_role("button", name="Remove the last label").click()
     expect(on_map.locator(".cover output").first).to_have_text("12 of 13 labeled")
     rows[3]["Name"] = "other.png"
     with (tmp_path / "wrong.csv").open("w", newline="") as file:
@@ -1253,13 +1253,13 @@ def test_labels_are_counted_and_their_cover_is_of_what_was_seen(on_map: Page) ->
             on_map.mouse.click(x + i * size * box["width"], y + k * size * box["width"])
             expect(on_map.locator(".map-overlay .dot:not([data-id])")).to_have_count(dots)
         on_map.locator("#map").get_by_role("button", name="Finish").click()
-        on_map.get_by_label(f"Label of measure {number}", exact=True).fill("Acropora")
-        on_map.get_by_label(f"Label of measure {number}", exact=True).press("Tab")
+        on_map.get_by_label(f"Label of measurement {number}", exact=True).fill("Acropora")
+        on_map.get_by_label(f"Label of measurement {number}", exact=True).press("Tab")
     cells = on_map.locator("#map .measure-table .tally tbody td")
     count, plan, of_seen, of_outlined = cells.all_inner_texts()[1:5]
     assert (count, of_outlined) == ("2", "100 %")
     assert 0 < float(of_seen.split()[0]) < 100 and float(plan.split()[0]) > 0
-    on_map.get_by_role("button", name="Take back the last measure labeled Acropora").click()
+    on_map.get_by_role("button", name="Remove the last measurement labeled Acropora").click()
     expect(on_map.locator("#map .measures").first.locator("tbody tr")).to_have_count(1)
 
 
