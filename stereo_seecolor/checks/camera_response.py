@@ -2,22 +2,18 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image as Pillow
 
 from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
-from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.image_marks import PNG_SIGNATURE
-from stereo_seecolor.inputs.headers import png_chunk
-from stereo_seecolor.inputs.images import read_image, read_image_bytes
+from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.inputs.stated_encoding import stated_encoding
 from stereo_seecolor.records import Image
 
 LEFT_FRAMES, RIGHT_FRAMES = 6, 3
@@ -31,10 +27,6 @@ SAME_MEAN, SAME_SCENE = 0.005, 0.03
 equal (0.1 % on a real dive of balanced frames, 7 % on one of automatic exposure), if the contrast
 differs by more (13 %), since other frames are of one scene.
 """
-LINEAR_GAMMA = (100_000).to_bytes(4, "big")
-"""Content of the chunk gAMA of a PNG that says that its values are linear light."""
-EXIF_IFD, COLOR_SPACE, SRGB = 0x8769, 0xA001, 1
-"""Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB."""
 
 
 def settle_response(
@@ -97,10 +89,7 @@ def _balanced(images: Sequence[Image]) -> tuple[str, ...]:
 
 
 def _measured(files: Sequence[Path], images: Sequence[Image]) -> MeasuredResponse:
-    found = measure_response(images)
-    if found.verdict == "undecided" and files:
-        return _as_file_says(files[0], found)
-    return found
+    return measure_response(images, stated_encoding(files[0]) if files else None)
 
 
 def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
@@ -109,16 +98,3 @@ def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
         with suppress(InputError):  # the run names it
             images.append(read_image(path, config))
     return images
-
-
-def _as_file_says(path: Path, measured: MeasuredResponse) -> MeasuredResponse:
-    """What the first file itself says of its encoding, where its noise says nothing."""
-    with suppress(InputError):
-        content = read_image_bytes(path)
-        if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"gAMA") == LINEAR_GAMMA:
-            return replace(measured, response=Response("linear"), verdict="linear")
-    # the errors of Pillow for what it does not read
-    with suppress(OSError, ValueError, SyntaxError), Pillow.open(path) as image:
-        if image.getexif().get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
-            return replace(measured, verdict="encoded")
-    return measured

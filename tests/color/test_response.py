@@ -1,21 +1,18 @@
 """The response of drawn and of real cameras: linear or encoded, with or without a pedestal."""
 
+import struct
 import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import PIL.Image
+import PIL.ImageCms
 import pytest
 from cameras import Camera, drawn_light
 from test_color_robust import BLUE, reef, seen_through, slope
 
-from stereo_seecolor.checks.camera_response import (
-    COLOR_SPACE,
-    EXIF_IFD,
-    SRGB,
-    settle_response,
-)
+from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.response.measure import MeasuredResponse, measure_response
 from stereo_seecolor.color.response.response import Response, standard_config
@@ -26,8 +23,9 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
+from stereo_seecolor.inputs.stated_encoding import COLOR_SPACE, EXIF_IFD, SRGB, stated_encoding
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import StereoFrame, Water
+from stereo_seecolor.records import Image, StereoFrame, Water
 
 LIGHT = [drawn_light(seed) for seed in range(4)]
 
@@ -196,7 +194,7 @@ def test_a_png_that_states_a_gamma_of_1_is_linear_where_noise_says_nothing(tmp_p
     config, notes = settle_response(RunConfig(), [Pair("a", path, path)])
     assert config.color.input_encoding == "linear"
     assert notes == (
-        "response: linear light, as the first file states: its noise says nothing of it",
+        "response: linear light, as the first file states: the noise does not show the encoding",
     )
 
 
@@ -206,6 +204,68 @@ def test_a_photograph_whose_exif_states_srgb_is_encoded(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     PIL.Image.new("RGB", (80, 60), (90, 90, 90)).save(path, exif=exif)
     assert settle_response(RunConfig(), [Pair("a", path, path)])[1] == ()
+
+
+def icc_profile(curve: bytes) -> bytes:
+    """A profile of one tag, the tone curve of red."""
+    table = struct.pack(">I4sII", 1, b"rTRC", 144, len(curve))
+    return bytes(36) + b"acsp" + bytes(88) + table + curve
+
+
+@pytest.mark.parametrize(
+    ("curve", "stated"),
+    [
+        (struct.pack(">4s4xI", b"curv", 0), "linear"),
+        (struct.pack(">4s4xIH", b"curv", 1, 256), "linear"),
+        (struct.pack(">4s4xIH", b"curv", 1, 563), "encoded"),
+        (struct.pack(">4s4xI3H", b"curv", 3, 0, 9000, 65535), "encoded"),
+        (struct.pack(">4s4xH2xi", b"para", 0, 1 << 16), "linear"),
+        (struct.pack(">4s4xH2x5i", b"para", 3, 157286, 62119, 3417, 5072, 2651), "encoded"),
+        (b"curv", None),
+    ],
+)
+def test_a_profile_states_the_encoding(curve: bytes, stated: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    content = icc_profile(curve + bytes(8 if stated else 0))
+    PIL.Image.new("RGB", (80, 60), (90, 90, 90)).save(path, icc_profile=content)
+    assert stated_encoding(path) == stated
+
+
+def test_the_profile_of_srgb_and_frames_of_a_video_are_encoded(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    srgb = PIL.ImageCms.ImageCmsProfile(PIL.ImageCms.createProfile("sRGB")).tobytes()
+    PIL.Image.new("RGB", (80, 60), (90, 90, 90)).save(path, icc_profile=srgb)
+    assert stated_encoding(path) == "encoded"
+    assert stated_encoding(tmp_path / "dive.mp4" / "000012.tif") == "encoded"
+
+
+@pytest.fixture(scope="module")
+def veiled() -> list[Image]:
+    """Linear images of 16 bits in turbid water: few different brightnesses."""
+    spec = SurveySpec(
+        pairs=6, lines=1, image_size=(320, 256), altitude_m=(1.2, 1.4), water="turbid", bits=16
+    )
+    scene = Scene.from_spec(spec)
+    return [scene.render(index).frame.left for index in range(spec.pairs)]
+
+
+@pytest.mark.slow
+def test_images_of_16_bits_in_veil_are_linear_if_their_noise_leans_to_it(
+    veiled: list[Image],
+) -> None:
+    found = measure_response(veiled)
+    assert found.verdict == "linear"
+    assert 1.25 < found.ratio < 2 and "if the files are encoded" in found.line
+    encoded = [(65535 * encode_srgb(image / 65535)).astype(np.uint16) for image in veiled]
+    assert measure_response(encoded).response == Response()
+
+
+@pytest.mark.slow
+def test_what_files_state_decides_where_noise_does_not(veiled: list[Image]) -> None:
+    assert measure_response(veiled, "encoded").verdict == "encoded"
+    assert measure_response(veiled, "linear").verdict == "linear"
+    shallow = [(image // 257).astype(np.uint8) for image in veiled]
+    assert measure_response(shallow).verdict == "undecided"
 
 
 def test_sides_that_were_saved_in_different_ways_are_named(tmp_path: Path) -> None:
