@@ -14,6 +14,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import CORRECTION_SETTINGS, noise_bias, spread_of
@@ -101,7 +102,7 @@ def measure_outlines(
     colonies: list[Colony | None] = [None] * len(outlines)
     for i, height_m, height_std in zip(seen, heights_m, height_stds_m, strict=True):
         known = masks[i] & terrain.known
-        fraction = float(known.sum() / masks[i].sum())
+        fraction = float(known.sum() / _cells_of(outlines[i], masks[i], grid))
         areas, area_stds, relative = _areas(outlines[i], ground, masks[i], fraction, click_m)
         of_mesh_m2 = float(mesh_m2[masks[i]].sum()) / fraction
         volume = _volume(ground, masks[i], windows[i], correlation_m)
@@ -147,9 +148,7 @@ def _areas(
     A ring within a ring is taken off. Corners that are not known have no part in the tilted area.
     """
     planar_m2 = tilted_m2 = planar_variance = tilted_variance = 0.0
-    for number, ring in enumerate(outline.rings):
-        others = [other for k, other in enumerate(outline.rings) if k != number]
-        sign = -1 if sum(within(other, *ring[0]) for other in others) % 2 else 1
+    for sign, ring in _signed(outline):
         spots = [
             spot
             for spot in (ground.pick(float(x), float(y), None, click_m) for x, y in _open(ring))
@@ -173,6 +172,27 @@ def _areas(
     surface_std = surface_m2 * float(np.hypot(relative, by_outline))
     stds = float(np.sqrt(planar_variance)), tilted_std, surface_std
     return (planar_m2, tilted_m2, surface_m2), stds, relative
+
+
+def _signed(outline: Outline) -> list[tuple[int, Array]]:
+    """The rings of an outline, with -1 for a ring within a ring, else 1."""
+    numbered = list(enumerate(outline.rings))
+    within_others = [
+        sum(within(other, *ring[0]) for k, other in numbered if k != number)
+        for number, ring in numbered
+    ]
+    return [
+        (-1 if n % 2 else 1, ring) for n, ring in zip(within_others, outline.rings, strict=True)
+    ]
+
+
+def _cells_of(outline: Outline, mask: Mask, grid: Grid) -> float:
+    """The number of cells inside an outline, of those beyond the map too."""
+    corners = np.concatenate([grid.pixels(ring) for ring in outline.rings])
+    if ((corners >= -0.5) & (corners <= np.array(grid.shape[::-1]) - 0.5)).all():
+        return float(mask.sum())
+    planar_m2 = sum(sign * polygon_area(ring) for sign, ring in _signed(outline))
+    return max(planar_m2 / grid.cell_m**2, float(mask.sum()))
 
 
 def _open(ring: Array) -> Array:

@@ -14,8 +14,8 @@ class Cover:
     """The cover of one label, over all its outlines.
 
     Attributes:
-        of_seen: planar area over the planar area that the map shows: the cover that ecologists
-        state.
+        of_seen: the seen part of the planar area, over the planar area that the map shows: the
+        cover that ecologists state.
         of_outlined_planar: planar area over that of all outlines.
         of_outlined_surface: surface over that of all outlines, with the standard error by the
         errors of ranges.
@@ -52,7 +52,8 @@ def cover(colonies: Sequence[Colony], seen_m2: float) -> list[Cover]:
         fraction = surface / total
         error = ((1 - fraction) ** 2 * own + fraction**2 * (variance - own)) ** 0.5 / total
         planar_m2 = sum(map(_planar_m2, members))
-        of_all = planar_m2 / seen_m2, planar_m2 / planar
+        seen = sum((1 - each.unseen) * _planar_m2(each) for each in members)
+        of_all = seen / seen_m2, planar_m2 / planar
         rows.append(
             Cover(label, len(members), surface, own**0.5, planar_m2, *of_all, fraction, error)
         )

@@ -275,10 +275,23 @@ def crosses_itself(outline: Array) -> bool:
     ends = np.roll(outline, -1, axis=0)
     for i, (a, b) in enumerate(zip(outline, ends, strict=True)):
         c, d = (corners[i + 2 : len(outline) - (i == 0)] for corners in (outline, ends))
-        crosses = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
-        if crosses.any():
+        if _crosses(a, b, c, d):
             return True
     return False
+
+
+def cross(one: Array, other: Array) -> bool:
+    """Tell whether a side of a polygon (N, 2) crosses a side of another (M, 2)."""
+    ends = np.roll(other, -1, axis=0)
+    return any(
+        _crosses(a, b, other, ends) for a, b in zip(one, np.roll(one, -1, axis=0), strict=True)
+    )
+
+
+def _crosses(a: Array, b: Array, c: Array, d: Array) -> bool:
+    """Whether the line from a to b, (2,) each, crosses one from c to d, (N, 2) each."""
+    crosses = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
+    return bool(crosses.any())
 
 
 def _side(a: Array, b: Array, point: Array) -> Array:

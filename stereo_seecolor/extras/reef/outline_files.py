@@ -1,15 +1,16 @@
 """Reading of outlines from files: GeoJSON (QGIS, ArcGIS), and TagLab's project."""
 
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.bounded_text import load_json
+from calibration.bounded_text import decode_text, load_json
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.lengths_and_areas import crosses_itself
+from stereo_seecolor.extras.reef.lengths_and_areas import cross, crosses_itself, inside
 from stereo_seecolor.extras.reef.outlines import Outline, Ring
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.files.whole_files import read_bytes
@@ -45,7 +46,7 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
         raw = read_bytes(path)
         if kind := next((what for begin, what in OTHERS if raw.startswith(begin)), None):
             raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
-        content = load_json(raw)
+        content = load_json(decode_text(raw))
     except ValueError as error:
         raise InputError(f"{path}: is neither GeoJSON nor a TagLab project: {error}") from error
     try:
@@ -83,8 +84,9 @@ def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
         parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(
             geometry.get("coordinates")
         )
-        rings = tuple(_ring(ring, turn, number) for part in parts for ring in part)
-        if rings:
+        polygons = [[_ring(ring, turn, number) for ring in part] for part in parts]
+        _check_holes(polygons, number)
+        if rings := tuple(ring for polygon in polygons for ring in polygon):
             name = _first(properties, NAME_KEYS) or str(feature.get("id", "")) or f"{number}"
             found.append(Outline(name, _first(properties, LABEL_KEYS), rings))
     return found
@@ -112,9 +114,27 @@ def _ring(corners: Any, turn: Turn, number: int) -> Ring:
     return known
 
 
+def _check_holes(polygons: list[list[Ring]], number: int) -> None:
+    """Raises InputError for holes that are not inside their polygon, and for rings that cross."""
+    rings = [ring for polygon in polygons for ring in polygon]
+    if any(cross(one, other) for one, other in combinations(rings, 2)):
+        raise InputError(f"polygon {number}: two of its rings cross: draw them apart")
+    for outer, *holes in polygons:
+        if not all(_holds(outer, hole) for hole in holes):
+            raise InputError(f"polygon {number}: a hole is not inside the outline")
+        if any(_holds(*both) or _holds(*both[::-1]) for both in combinations(holes, 2)):
+            raise InputError(f"polygon {number}: a hole is inside another hole, or given twice")
+
+
+def _holds(outer: Ring, ring: Ring) -> bool:
+    """Whether a ring lies inside another one, which it does not cross; corners may touch."""
+    within = sum(inside(outer, float(x), float(y)) for x, y in ring)
+    return 2 * within > len(ring) or np.array_equal(outer, ring)
+
+
 def _first(properties: dict[str, Any], keys: tuple[str, ...]) -> str:
     small = {key.lower(): value for key, value in properties.items()}
-    return next((str(small[key]) for key in keys if small.get(key) not in (None, "")), "")
+    return next((str(small[key]).strip() for key in keys if small.get(key) not in (None, "")), "")
 
 
 def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:

@@ -398,6 +398,15 @@ def test_what_was_not_seen_of_an_outline_is_in_its_standard_errors() -> None:
     assert level is not None and level.standard_error.surface_m2 < 0.2 * level.measured.surface_m2
 
 
+def test_the_part_of_an_outline_beyond_the_map_is_unseen_and_does_not_cover_the_bottom() -> None:
+    mesh = mesh_of(lambda x, y: 0 * x)
+    seen_m2, outlined_m2 = 0.6**2, np.pi * 1.5**2
+    (found,) = measure_outlines([circle(1.5)], mesh, *site(mesh), STD_M)
+    assert found is not None
+    assert found.unseen == pytest.approx(1 - seen_m2 / outlined_m2, rel=0.02)
+    assert cover([found], seen_m2)[0].of_seen == pytest.approx(1.0, rel=0.05)
+
+
 @pytest.mark.slow
 def test_outlines_that_overlap_count_what_they_share_once() -> None:
     mesh = mesh_of(lambda x, y: 0 * x)

@@ -25,7 +25,7 @@ def geojson(path: Path, ring: list[list[float]], name: str | None = None) -> Pat
     crs = {"crs": {"type": "name", "properties": {"name": name}}} if name is not None else {}
     feature = {
         "type": "Feature",
-        "properties": {"label": "P"},
+        "properties": {"label": " P "},
         "geometry": {"type": "Polygon", "coordinates": [ring]},
     }
     path.write_text(json.dumps({"type": "FeatureCollection", **crs, "features": [feature]}))
@@ -87,6 +87,53 @@ def test_what_is_no_outline_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         read_outlines(geojson(tmp_path / "p.geojson", ring), POSED)
+
+
+SQUARE = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [0.0, 0.0]]
+
+
+def square(x: float, y: float, edge: float) -> list[list[float]]:
+    return [[x + edge * a / 4, y + edge * b / 4] for a, b in SQUARE]
+
+
+@pytest.mark.parametrize(
+    ("rings", "message"),
+    [
+        ([SQUARE, square(3, 1, 2)], "polygon 1: two of its rings cross"),
+        ([SQUARE, square(6, 0, 1)], "polygon 1: a hole is not inside the outline"),
+        ([square(1, 1, 1), SQUARE], "polygon 1: a hole is not inside the outline"),
+        ([SQUARE, square(1, 1, 2), square(1.5, 1.5, 1)], "inside another hole, or given twice"),
+        ([SQUARE, square(1, 1, 2), square(1, 1, 2)], "inside another hole, or given twice"),
+    ],
+)
+def test_holes_that_are_none_are_refused(
+    rings: list[list[list[float]]], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "p.geojson"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": rings}))
+    with pytest.raises(InputError, match=message):
+        read_outlines(path, POSED)
+
+
+def test_holes_and_parts_inside_holes_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "p.geojson"
+    rings = [SQUARE, square(1, 1, 2), square(0, 3, 1)]  # touches the outline
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": rings}))
+    assert len(read_outlines(path, POSED)[0].rings) == 3
+    parts = [[SQUARE, square(1, 1, 2)], [square(1.5, 1.5, 1)]]
+    path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": parts}))
+    assert len(read_outlines(path, POSED)[0].rings) == 3
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_files_of_windows_editors_are_read(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "p.geojson"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [SQUARE]}), encoding=encoding)
+    assert len(read_outlines(path, POSED)) == 1
+
+
+def test_spaces_around_a_label_do_not_make_another_label(tmp_path: Path) -> None:
+    assert read_outlines(geojson(tmp_path / "p.geojson", RING), POSED)[0].label == "P"
 
 
 def test_a_polygon_without_a_feature_around_it_is_read(tmp_path: Path) -> None:
