@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import pose_graph
@@ -105,6 +106,7 @@ def _adjusted(T: Array, part: _Part) -> Adjusted:
         found, known = part.marks.joined(found, set(part.frames))
     problem = BundleProblem.of(found, part.priors, known)
     del found  # the problem holds it, too, in another order
+    return_freed()
     return adjust(T, problem, part.track.survey.geometry)
 
 
