@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.plugins import load
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
@@ -26,5 +27,6 @@ def report(out: Path, listener: Listener | None = None, *, charts: bool = False)
         run = open_run(out)
         if charts:
             load("page_parts", "charts", needs=("__call__",))(folder, run, listener)
+        return_freed()
         listener.begin("page", len(run.frames))
         return write_page(folder, run, lambda done, _: listener.advance(FrameRow(f"{done}")))

@@ -1,6 +1,7 @@
 """Binary little-endian PLY: a pair's colored points, and the clouds and meshes of a map."""
 
 import mmap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 """A triangle of a map."""
 HEADER_BYTES, FARTHEST_VERTEX_M = 1 << 16, 1e7
 """A longer header, and a vertex farther from the map's origin, are damage."""
-
+AT_ONCE = 1_000_000
+"""Records of a file that are checked at once: 13 to 27 MB."""
 _PROPERTIES = {
     **{"xyz": ("float x", "float y", "float z"), "position": ("float x", "float y", "float z")},
     **{"normal": ("float nx", "float ny", "float nz")},
@@ -51,8 +53,9 @@ def read_vertices(path: Path) -> NDArray[np.void]:
     """
     head = _read_header(path)
     found = _records(path, VERTEX, len(head), _count(path, head, b"vertex"))
-    if not bool((np.abs(found["position"]) < FARTHEST_VERTEX_M).all()):
-        raise _damaged(path, "a vertex has no finite position")
+    for part in _parts(found):
+        if not (np.abs(part["position"]) < FARTHEST_VERTEX_M).all():
+            raise _damaged(path, "a vertex has no finite position")
     return found
 
 
@@ -65,12 +68,18 @@ def read_triangles(path: Path) -> NDArray[np.void]:
     vertices = _count(path, head, b"vertex")
     offset = len(head) + vertices * VERTEX.itemsize
     found = _records(path, FACE, offset, _count(path, head, b"face"))
-    corners = found["indices"]
-    if len(found) and not (
-        (found["count"] == 3).all() and corners.min() >= 0 and corners.max() < vertices
-    ):
-        raise _damaged(path, "a triangle names a vertex that does not exist")
+    for part in _parts(found):
+        corners = part["indices"]
+        if not ((part["count"] == 3).all() and corners.min() >= 0 and corners.max() < vertices):
+            raise _damaged(path, "a triangle names a vertex that does not exist")
     return found
+
+
+def _parts(records: NDArray[np.void]) -> Iterator[NDArray[np.void]]:
+    """Parts of mapped records, whose memory is returned after each."""
+    for start in range(0, len(records), AT_ONCE):
+        yield records[start : start + AT_ONCE]
+        let_go(records)
 
 
 def _damaged(path: Path, why: str) -> InputError:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
@@ -123,6 +124,7 @@ class _MapFiles:
         mesh = MeshSource.open(path) if path.is_file() else None
         if mesh is not None and len(mesh.triangles):
             yield from self._mesh(about, mesh)
+            return_freed()
         if self.has_mosaic and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
             about["mosaic"], tiles = mosaic
             yield from ((f"mosaic/{name}", content) for name, content in tiles)
@@ -138,6 +140,7 @@ class _MapFiles:
             for level in levels(source, voxel_m, Path(folder)):
                 yield from self._level(about["pieces"], len(made), level)
                 made.append(level)
+                return_freed()
             if self.posed is None:
                 return
             # scipy takes long to load

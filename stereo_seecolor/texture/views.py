@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
@@ -68,20 +68,17 @@ class Views:
     def __init__(self, posed: PosedRun) -> None:
         self.posed, self.unreadable = posed, dict[int, str]()
         width, height = posed.geometry.image_size
-        self.picture = lru_cache(max(4, KEPT_BYTES // (8 * width * height)))(self._read)
-        self.reach_m = lru_cache(None)(self._reach_m)
+        # of a function, not of a method: pictures are freed with the views
+        self.picture = lru_cache(max(4, KEPT_BYTES // (8 * width * height)))(partial(_read, posed))
+        self._reaches_m = dict[int, float]()
 
-    def _read(self, number: int) -> Picture:
-        """Raises InputError if a file is gone or damaged."""
-        frame = self.posed.frames[number]
-        image = eight_bit(frame.read("corrected"))
-        half = [-(-side // 2) for side in image.shape[1::-1]]
-        soft = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
-        soft = np.asarray(cv2.GaussianBlur(soft, (0, 0), SOFT_PX / 2), np.uint8)
-        return Picture(image, soft, self.posed.measured_range_m(frame), _sharpness(image))
-
-    def _reach_m(self, number: int) -> float:
+    def reach_m(self, number: int) -> float:
         """The largest range that a frame measured; 0 without any, and if it is unreadable."""
+        if number not in self._reaches_m:
+            self._reaches_m[number] = self._measured_reach_m(number)
+        return self._reaches_m[number]
+
+    def _measured_reach_m(self, number: int) -> float:
         try:
             range_m = self.picture(number).range_m
         except InputError as error:
@@ -112,6 +109,16 @@ class Views:
         seen = transform_points(self.posed.T_camera_map[number], points)
         pixels = seen @ self.posed.geometry.P_left.T
         return np.asarray(pixels[:, :2] / pixels[:, 2:])
+
+
+def _read(posed: PosedRun, number: int) -> Picture:
+    """Raises InputError if a file is gone or damaged."""
+    frame = posed.frames[number]
+    image = eight_bit(frame.read("corrected"))
+    half = [-(-side // 2) for side in image.shape[1::-1]]
+    soft = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
+    soft = np.asarray(cv2.GaussianBlur(soft, (0, 0), SOFT_PX / 2), np.uint8)
+    return Picture(image, soft, posed.measured_range_m(frame), _sharpness(image))
 
 
 @dataclass(frozen=True, eq=False)
