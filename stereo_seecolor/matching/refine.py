@@ -17,6 +17,7 @@ WINDOW, SMOOTHED = 7, 5
 """Sides of the windows of the registration and of the smoothing before it, pixels; sums below are
 written out for them.
 """
+PIXELS = WINDOW**2
 MOMENTS = 7
 
 
@@ -32,7 +33,7 @@ class RefineConstants:
 
     largest_step_px: float = 1.0
     matching_std_px: float = 0.3
-    samples: float = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
+    samples: float = PIXELS / (4 * np.pi * SMOOTHING_PX**2)
 
 
 CONSTANTS = RefineConstants()
@@ -261,7 +262,7 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
     a, b, c = ring[0, moment], ring[1, moment], ring[2, moment]
     d, e, f = ring[3, moment], ring[4, moment], ring[5, moment]
     g = ring[6, moment]
-    scale = np.float32(1 / WINDOW**2)
+    scale = np.float32(1 / PIXELS)
     for x in range(mean.size):
         mean[x] = (a[x] + b[x] + c[x] + d[x] + e[x] + f[x] + g[x]) * scale
 

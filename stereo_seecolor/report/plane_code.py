@@ -26,7 +26,10 @@ SHIFT = 6
 def coded(codes: NDArray[np.integer] | NDArray[np.bool_]) -> bytes:
     """Bytes of codes (H, W) of less than 2^16, where UNKNOWN saves bytes."""
     content = np.empty(6 * codes.size + 64, np.uint8)  # 36 bits write the largest error
-    length = _code(np.ascontiguousarray(codes, np.int32), content)
+    sizes = 2 * (2 * CLIP + 1) ** 3, (MOST_AROUND + 1) * UNARY, 64
+    chances = tuple(np.full(size, 1 << 15, np.int64) for size in sizes)
+    rows, ends = np.zeros((2, codes.shape[1]), np.int64), np.array([0, 0xFFFFFFFF, 0], np.int64)
+    length = _code(np.ascontiguousarray(codes, np.int32), chances, rows, ends, content)
     return content[:length].tobytes()
 
 
@@ -78,14 +81,13 @@ def _write_large(number, bits, ends, content):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _code(codes, content):  # type: ignore[no-untyped-def]
-    """Fill ``content``; how many bytes it has."""
+def _code(codes, chances, rows, ends, content):  # type: ignore[no-untyped-def]
+    """Fill ``content``; how many bytes it has. chances: of contexts, of unary digits, of bits. rows
+    (2, W): work memory. ends: as in ``_write``.
+    """
     height, width = codes.shape
-    begun = np.full(2 * (2 * CLIP + 1) ** 3, 1 << 15, np.int64)
-    further = np.full((MOST_AROUND + 1) * UNARY, 1 << 15, np.int64)
-    bits = np.full(64, 1 << 15, np.int64)
-    ends = np.array([0, 0xFFFFFFFF, 0], np.int64)
-    above, values = np.zeros(width, np.int64), np.zeros(width, np.int64)
+    begun, further, bits = chances
+    above, values = rows
     for row in range(height):
         left, left_above = 0, 0
         for column in range(width):

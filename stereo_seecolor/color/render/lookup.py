@@ -54,7 +54,7 @@ def fine_bins(bits: Any, fine: Any, unknown: Any) -> Any:
 def look_up(
     image: Any, fine: Any, table: Any, roll_off: Any, limits: Any, special: Any, out: Any
 ) -> Any:
-    """Write the displayed values (N, 3) of 8-bit pixels; 0 where the range is unknown.
+    """Write the displayed values (N * 3,) of 8-bit pixels; 0 where the range is unknown.
 
     table (1025 * 768,): displayed values by fine range bin, channel and value; or codes, to be
     multiplied by a factor for the greatest code of the pixel. roll_off: factors (65536,), empty if
@@ -71,9 +71,9 @@ def look_up(
             first_capped = min(first_capped, np.uint32(i))
     for start in range(0, fine.size, BLOCK):
         end = min(start + BLOCK, fine.size)
-        pixels = image[start:end].reshape(-1)
+        pixels = image[3 * start : 3 * end]
         bins = fine[start:end]
-        shown = out[start:end].reshape(-1)
+        shown = out[3 * start : 3 * end]
         if factors.size == 0:
             _take(pixels, bins, table, shown)
         else:
@@ -120,10 +120,10 @@ def _display(codes: Any, factors: Any, zero: Any, by_pixel: Any, out: Any) -> No
 
 @compiled
 def count_full(values: Any, full: int) -> Any:
-    """Count the pixels (N, 3) with a channel at full scale; in 32 bits, so that the compiler
+    """Count the pixels (N * 3,) with a channel at full scale; in 32 bits, so that the compiler
     vectorizes it.
     """
-    flat, number = values.reshape(-1), np.int32(0)
-    for i in range(flat.size // 3):
-        number += np.int32(max(flat[3 * i], max(flat[3 * i + 1], flat[3 * i + 2])) == full)
+    number = np.int32(0)
+    for i in range(values.size // 3):
+        number += np.int32(max(values[3 * i], max(values[3 * i + 1], values[3 * i + 2])) == full)
     return number

@@ -90,11 +90,12 @@ def on_processor(
     numbers, top = list[int](), np.iinfo(image.dtype).max
 
     def part(a: int, b: int) -> None:
+        shown_part = out.image[a:b].reshape(-1)
         if looked_up:
             special, roll_off = np.empty(b - a, np.uint32), (factors, shown.shoulder[4])
             limits = gains.capped, first_capped
             number = look_up(
-                image[a:b], fine[a:b], table, roll_off, limits, special, out.image[a:b]
+                image[a:b].reshape(-1), fine[a:b], table, roll_off, limits, special, shown_part
             )
             at = special[:number].astype(np.int64) + a
         else:
@@ -108,7 +109,7 @@ def on_processor(
                     top == 255,
                 )
             out.image[some], out.unrecoverable[some] = values.numpy(), lost.numpy()
-        numbers.append(count_full(out.image[a:b], top))
+        numbers.append(count_full(shown_part, top))
 
     in_parts(part, bits.size, PART_PIXELS)
     return out, sum(numbers) / known

@@ -60,7 +60,8 @@ def weigh(
             depth = np.float32(measured / ray_length[row, column])
             depth_m[row, column] = depth
             inverse[row + SLANT_PX, column + SLANT_PX] = np.float32(1) / depth
-            weight[row, column] = trust * (voxel_m / std) ** 2 if std > 0 else trust
+            ratio = voxel_m / std
+            weight[row, column] = trust * (ratio * ratio) if std > 0 else trust
             cell = column // CELL
             deepest_m[row // CELL, cell] = max(deepest_m[row // CELL, cell], depth)
 

@@ -161,7 +161,7 @@ def _normal(wide: Any, a: Any, b: Any, t: float, normal: Any) -> None:
     squares = 0.0
     for axis in range(3):
         normal[axis] = (1 - t) * _slope(wide, a, axis) + t * _slope(wide, b, axis)
-        squares += normal[axis] ** 2
+        squares += normal[axis] * normal[axis]
     for axis in range(3):
         normal[axis] /= max(np.sqrt(squares), 1e-12)
 
