@@ -71,7 +71,6 @@ def fuse(
         MappingError: If the track cannot be estimated, or the frames cannot be fused.
         OutputError: If the map cannot be written, or another process writes into ``out`` now.
     """
-    from stereo_seecolor.mapping.surface.kernels import integrate
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
     out, poses = Path(out), Path(poses) if poses else None
@@ -86,9 +85,7 @@ def fuse(
             run, frames=[frame for frame in run.frames if frame.name not in stalled]
         )
         trajectory = given_trajectory(poses, config.mapping, frames.T_rectified_left)
-        progress = _stages_of(
-            Both(listener or Silence(), ProgressFile(folder.root)), integrate.missing
-        )
+        progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
         with (
             compute.sharing(state(out), ()),
             building_map(folder, folder.dive.digest("corrected")) as building,
@@ -118,18 +115,22 @@ def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
     return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
 
 
-def _stages_of(listener: Listener, first_run: bool) -> Callable[[str, int, int], None]:
-    """A function that reports the stages of a map (stage, done, total) to a listener; in a first
-    run with what makes them slow.
+def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
+    """A function that reports the stages of a map (stage, done, total) to a listener: with each
+    stage that had to compile something before its first report, that it did.
     """
-    current = ""
+    from stereo_seecolor.compute.kernel_cache import compilations
+
+    current, before = "", compilations()
 
     def progress(what: str, done: int, total: int) -> None:
-        nonlocal current
+        nonlocal current, before
+        now = compilations()
         if what != current:
             return_freed()
             current = what
-            listener.begin(f"{what} ({STAGE})" if first_run else what, total)
+            listener.begin(f"{what} ({STAGE})" if now > before else what, total)
+        before = now
         listener.advance(FrameRow(f"{done}"))
 
     return progress

@@ -143,12 +143,14 @@ class _WithoutGarbage(event.Listener):
 
     def __init__(self) -> None:
         self._depth, self._collects = 0, False
+        self.begun = 0
 
     def on_start(self, event: Any) -> None:
         """Begin; compilations nest."""
         if self._depth == 0:
             self._collects = gc.isenabled()
             gc.disable()
+            self.begun += 1
         self._depth += 1
 
     def on_end(self, event: Any) -> None:
@@ -158,7 +160,13 @@ class _WithoutGarbage(event.Listener):
             gc.enable()
 
 
-event.register("numba:compile", _WithoutGarbage())  # type: ignore[no-untyped-call]
+_compilations = _WithoutGarbage()
+event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
+
+
+def compilations() -> int:
+    """How many times this process has had to compile a function, callees not counted."""
+    return _compilations.begun
 
 
 class _Locator:

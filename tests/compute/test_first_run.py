@@ -2,7 +2,8 @@
 
 import pytest
 
-from stereo_seecolor.commands import warm_up
+from stereo_seecolor.commands import fuse, warm_up
+from stereo_seecolor.compute import kernel_cache
 from stereo_seecolor.config import MatchingConfig, RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.progress import Silence
@@ -64,3 +65,19 @@ def test_a_later_run_begins_to_load_what_it_needs_unless_it_may_have_to_compile(
     assert not begun
     warm_up.load_in_background(RunConfig(), RunOptions())
     assert len(begun) == 1
+
+
+def test_a_map_says_which_of_its_stages_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = iter((3, 3, 4, 4, 6, 6))
+    monkeypatch.setattr(kernel_cache, "compilations", lambda: next(counted))
+    said: list[str] = []
+
+    class Listener(Silence):
+        def begin(self, stage: str, total: int) -> None:
+            said.append(stage)
+
+    progress = fuse._stages_of(Listener())
+    for stage in ("reading", "finding", "finding", "fusing", "painting"):
+        progress(stage, 1, 1)
+    once = "(compiling for this machine, once)"
+    assert said == ["reading", f"finding {once}", f"fusing {once}", "painting"]
