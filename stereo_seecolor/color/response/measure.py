@@ -34,6 +34,8 @@ DEEP_SURE, DEEP_CONTRADICTED = 1.25, 1.0
 Of 20 synthetic dives (veil, down to 320x256) 15 of linear images have more, and none of images
 encoded by sRGB; two of these at half size, and three encoded by a gamma of 1.8.
 """
+DEEP_FRAMES = 3
+"""Least number of frames for this: the noise of one alone is too uncertain."""
 MOST_MISFIT = 0.35
 """Largest misfit of a law, logarithm, rms."""
 MOST_WHITENESS = 3.3
@@ -110,7 +112,8 @@ def measure_response(
     Returns:
         The response. It is sRGB unless the noise, or else the files, show another.
     """
-    measured = _by_noise(images, deep=stated is None and bool(images) and _is_deep(images[0]))
+    deep = stated is None and len(images) >= DEEP_FRAMES and _is_deep(images[0])
+    measured = _by_noise(images, deep)
     if measured.verdict != "undecided" or stated is None:
         return measured
     if stated == "linear":
