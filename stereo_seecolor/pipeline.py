@@ -318,6 +318,7 @@ class Stream:
 
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline, self.fitted_s = pipeline, 0.0
+        self._corrector = Corrector(pipeline.corrector.config.of_dive())
         self._fitter = SlidingFitter(pipeline.config.color, self._fit)
         self._until_s: float | None = None
 
@@ -361,7 +362,7 @@ class Stream:
         return self.pipeline.process(frame, water, match)
 
     def _fit(self, table: MomentTable, start: Water | None) -> Water:
-        water = self.pipeline.corrector.fit(table, start, self._until_s)
+        water = self._corrector.fit(table, start, self._until_s)
         self.fitted_s = time.perf_counter()
         return water
 

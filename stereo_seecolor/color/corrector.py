@@ -156,7 +156,7 @@ class Corrector:
             The fitter, to which the moment tables of the frames are added in order.
         """
 
-        config = settings_under(self.config, light)
+        config = settings_under(self.config.of_dive(), light)
 
         def fit(table: MomentTable, start: Water | None) -> Water:
             fitted = Corrector(config).fit(table, start)

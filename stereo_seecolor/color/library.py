@@ -41,7 +41,7 @@ def fit(
     corrector, images, ranges = _standard(image, range_m, config)
     if len(images) == 1:
         return corrector.fit_frame(images[0], ranges[0], start)
-    return corrector.fit(_table(corrector, images, ranges), start)
+    return Corrector(corrector.config.of_dive()).fit(_table(corrector, images, ranges), start)
 
 
 def correct(

@@ -25,6 +25,14 @@ class RobustConfig(StageConfig):
         "known R, G, B in linear light, for example from a white card; only their ratios count.",
     )
 
+    brightest: Literal["auto", "white", "mixed", "sand"] = Field(
+        default="auto",
+        description="The color of the brightest things. white: nearly white (a card, a wall, "
+        "reflections). sand: as warm as the sea floor. mixed: halfway. auto: mixed for frames that "
+        "share water parameters (color.lock), because few of them show a card; white for single "
+        "images.",
+    )
+
     daylight_depth_m: ClassVar[float | None] = None
     """Length of the light's path from the water surface down to the reef, meters; None: unknown."""
 
@@ -102,6 +110,13 @@ class ColorConfig(StageConfig):
         "frame. frame: each frame has its own. survey: all frames. A number, for example 20: the "
         "last 20 frames; live uses 20 unless a number is set.",
     )
+
+    def of_dive(self) -> "ColorConfig":
+        """Return the settings for frames of a dive: with a prior for frames that share a water."""
+        if self.lock == "frame" or self.robust.brightest != "auto":
+            return self
+        robust = self.robust.model_copy(update={"brightest": "mixed"})
+        return self.model_copy(update={"robust": robust})
 
     @property
     def sliding_frames(self) -> int:

@@ -40,9 +40,13 @@ class ScenePrior:
     white targets yellower, by 0.1 to 0.2 degrees.
     """
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.82, 0.48, 0.12)
-    """Fraction of ``natural`` at each quantile: the brightest are nearly white, or reflections.
-    With 0.75, 0.35, 0 FLSea's white targets are better by 0.2 degrees, and synthetic reefs, whose
-    brightest material is warm sand, worse by 0.4.
+    """Fraction of ``natural`` at each quantile of a single image: the brightest are nearly white,
+    or reflections. With 0.75, 0.35, 0 FLSea's white targets are better by 0.2 degrees, and
+    synthetic reefs, whose brightest material is warm sand, worse by 0.4.
+    """
+    mixed: float = 0.5
+    """Of many frames of a dive, few show a card: the brightest are as likely sand. The fraction is
+    so far from that of single images to 1, which spectra of the sea floor have at all quantiles.
     """
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
     """Standard deviation from warm to cool: dark objects have any color, bright ones are closer to
@@ -93,7 +97,7 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
     mean[:WATER], water_covariance = _water(settings)
     precision[:WATER, :WATER] = np.linalg.inv(water_covariance)
     mean[content] = (
-        np.log(SCENE.reflectance) + _mean_color() * (settings.white_point != "gray")
+        np.log(SCENE.reflectance) + _mean_color(settings) * (settings.white_point != "gray")
     ).ravel()
     apart = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
     colors = np.outer(SCENE.color, SCENE.color) * SCENE.alike**apart
@@ -106,11 +110,14 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
     return mean, precision, water_covariance
 
 
-def _mean_color() -> Matrix:
+def _mean_color(settings: RobustConfig) -> Matrix:
     """(3, 9) mean logarithms of the channels at each quantile, but for what they have in common."""
+    warmer = {"mixed": SCENE.mixed, "sand": 1.0}.get(settings.brightest, 0.0)
+    fraction = np.array(SCENE.natural_fraction)
+    fraction += warmer * (1 - fraction)
     natural = np.array(SCENE.natural)[:, None] - np.mean(SCENE.natural)
     of_all = SCENE.sea_floor * sea_floor().mean + (1 - SCENE.sea_floor) * natural
-    return np.asarray(of_all * np.array(SCENE.natural_fraction))
+    return np.asarray(of_all * fraction)
 
 
 def deviations(covariance: Matrix) -> Matrix:
