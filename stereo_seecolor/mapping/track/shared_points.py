@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -22,12 +23,13 @@ Relation = tuple[tuple[int, int], RelativePose]
 @dataclass(frozen=True, eq=False)
 class TrackObservations:
     """n observations of m points. frame: (n,) position on the track, point: (n,) number from 0 to m
-    - 1, seen: (n,) as it was seen.
+    - 1, seen: (n,) as it was seen, near: (n,) as Features have it.
     """
 
     frame: Integers
     point: Integers
     seen: Observed
+    near: NDArray[np.float64]
 
     @property
     def views(self) -> Integers:
@@ -69,7 +71,7 @@ def observations(
     kept = np.flatnonzero(chosen[label])
     frame, feature = frames[nodes[kept] // stride], nodes[kept] % stride
     return TrackObservations(
-        frame, np.unique(label[kept], return_inverse=True)[1], _observed(features, frame, feature)
+        frame, np.unique(label[kept], return_inverse=True)[1], *_observed(features, frame, feature)
     )
 
 
@@ -95,12 +97,14 @@ def _best(views: Integers, point: Integers, relation: Integers, most: int) -> In
     return chosen
 
 
-def _observed(features: Sequence[Features], frame: Integers, feature: Integers) -> Observed:
+def _observed(
+    features: Sequence[Features], frame: Integers, feature: Integers
+) -> tuple[Observed, NDArray[np.float64]]:
     """Frames ascend: each is read once."""
     starts = np.flatnonzero(np.diff(frame, prepend=-1))
     parts = []
     for start, end in zip(starts, [*starts[1:], len(frame)], strict=True):
         own, chosen = features[int(frame[start])], feature[start:end]
-        parts.append((own.points[chosen], own.std[chosen]))
-    points, std = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return Observed(points, std)
+        parts.append((own.points[chosen], own.std[chosen], own.near[chosen]))
+    points, std, near = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Observed(points, std), near
