@@ -53,13 +53,10 @@ def between_fixes(times_s: Array, positions: Array) -> HeldFixes:
     is_last = np.repeat(np.arange(len(first)) == len(first) - 1, rows)
     unknown = np.where(is_last, since > NEAR * of_gap, far & (of_gap > MAX_GAP_S))
     found[known[unknown]] = np.nan
-    notes = [
-        f"the positions repeat for up to {gap_s.max():.1f} s: each is one fix, at its first row"
-    ]
+    note = (
+        f"the positions repeat for up to {gap_s.max():.1f} s: each is one fix, at its first row, "
+        "and after the last one nothing is known"
+    )
     if too_long := int((gap_s > MAX_GAP_S).sum()):
-        notes = [
-            f"{counted(too_long, 'position')} of the table repeat for more than {MAX_GAP_S:g} s "
-            f"(up to {gap_s.max():.1f} s): each is one fix, at its first row, and what lies "
-            "between two is not known"
-        ]
-    return HeldFixes(found, fixes_s, tuple(notes))
+        note += f", nor between {counted(too_long, 'pair')} of more than {MAX_GAP_S:g} s"
+    return HeldFixes(found, fixes_s, (note,))
