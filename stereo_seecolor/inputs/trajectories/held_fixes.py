@@ -48,11 +48,11 @@ def between_fixes(times_s: Array, positions: Array) -> HeldFixes:
     for axis in range(positions.shape[1]):
         found[known, axis] = np.interp(own_s, fixes_s, positions[known[first], axis])
     gap_s = np.diff(fixes_s)
-    since, of_gap = own_s - np.repeat(fixes_s, rows), np.repeat(np.append(gap_s, gap_s[-1]), rows)
-    far = np.abs(since / of_gap - 0.5) < 0.5 - NEAR
+    of_gap_s = np.repeat(np.append(gap_s, gap_s[-1]), rows)
+    part = (own_s - np.repeat(fixes_s, rows)) / of_gap_s  # of the way to the next fix
     is_last = np.repeat(np.arange(len(first)) == len(first) - 1, rows)
-    unknown = np.where(is_last, since > NEAR * of_gap, far & (of_gap > MAX_GAP_S))
-    found[known[unknown]] = np.nan
+    is_between = (part > NEAR) & (part < 1 - NEAR) & (of_gap_s > MAX_GAP_S)
+    found[known[np.where(is_last, part > NEAR, is_between)]] = np.nan
     note = (
         f"the positions repeat for up to {gap_s.max():.1f} s: each is one fix, at its first row, "
         "and after the last one nothing is known"

@@ -36,10 +36,15 @@ def fix_frames(
     beyond = np.clip(near + np.where(fixes_s < times_s[near], -1, 1), 0, len(frames) - 1)
     off_s, step_s = fixes_s - times_s[near], times_s[beyond] - times_s[near]
     i, j = frames[near], frames[beyond]
-    T, rows = given.T_world_camera.copy(), np.isfinite(trajectory.T_world_camera).all(axis=(1, 2))
-    fixes = poses_at(trajectory.timestamps_s[rows], trajectory.T_world_camera[rows], fixes_s)
+    T, poses = given.T_world_camera.copy(), trajectory.T_world_camera
+    rows = np.flatnonzero(
+        np.isfinite(poses).all(axis=(1, 2)) & np.isfinite(trajectory.timestamps_s)
+    )
+    rows_s, first = np.unique(trajectory.timestamps_s[rows], return_index=True)
+    fixes = poses_at(rows_s, poses[rows[first]], fixes_s)
+    nearest_s = np.minimum(np.append(gap_s, np.inf), np.append(np.inf, gap_s))
     usable = (
-        (np.abs(off_s) <= NEAR * np.minimum(np.append(gap_s, np.inf), np.append(np.inf, gap_s)))
+        (np.abs(off_s) <= NEAR * nearest_s)
         & (np.abs(off_s) <= np.abs(step_s))
         & (np.abs(step_s) <= LONG_STEP * np.median(np.diff(times_s)))
         & (own.components[i] == own.components[j])
