@@ -374,11 +374,11 @@ class Trajectory:
         absolute: Fixes beside poses, which place them on Earth; None where there are none.
         position_step_m: What the file rounds positions to; 0 where that is too fine to matter.
         notes: What a person should know of how the file was read.
-        fixes_s: (M,) float64, times at which positions were measured; between them they are
-            interpolated. None where each row has its own.
         T_vehicle_camera: (4, 4) float64, how the camera sits on the vehicle (x forward, y
             starboard, z down) whose roll, pitch and heading the file gives; None where it gives
             the camera's own attitude.
+        fixes_s: (M,) float64, times at which positions were measured, between which they are
+            interpolated; None where each row has its own.
     """
 
     names: tuple[str, ...]
@@ -391,8 +391,8 @@ class Trajectory:
     absolute: "Trajectory | None" = None
     position_step_m: float = 0.0
     notes: tuple[str, ...] = ()
-    fixes_s: NDArray[np.float64] | None = None
     T_vehicle_camera: NDArray[np.float64] | None = None
+    fixes_s: NDArray[np.float64] | None = None
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
         """The poses of the rectified left camera.
