@@ -377,6 +377,8 @@ class Trajectory:
         T_vehicle_camera: (4, 4) float64, how the camera sits on the vehicle (x forward, y
             starboard, z down) whose roll, pitch and heading the file gives; None where it gives
             the camera's own attitude.
+        fixes_s: (M,) float64, times at which positions were measured, between which they are
+            interpolated; None where each row has its own.
     """
 
     names: tuple[str, ...]
@@ -390,6 +392,7 @@ class Trajectory:
     position_step_m: float = 0.0
     notes: tuple[str, ...] = ()
     T_vehicle_camera: NDArray[np.float64] | None = None
+    fixes_s: NDArray[np.float64] | None = None
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
         """The poses of the rectified left camera.

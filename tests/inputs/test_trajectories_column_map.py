@@ -203,17 +203,44 @@ def test_positions_that_a_receiver_repeats_are_read_as_they_change(tmp_path: Pat
     )
     moved_m = np.diff(track.T_world_camera[4:36, 1, 3])
     np.testing.assert_allclose(moved_m, 1.0)
-    assert track.notes == ("the positions repeat for up to 4.0 s: read as they change",)
+    assert track.notes == (
+        "the positions repeat for up to 4.0 s: each is one fix, at its first row, and after the "
+        "last one nothing is known",
+    )
+    assert track.fixes_s is not None and track.fixes_s.tolist() == [1, *range(4, 41, 4)]
 
 
-def test_positions_repeated_for_too_long_stay_and_are_said(tmp_path: Path) -> None:
+def test_positions_of_a_table_of_poses_that_repeats_them_are_fixes_too(tmp_path: Path) -> None:
+    """Heights that the table measures at every row stay as they are."""
+    rows = [f"{t} {4 * (t // 4)} 0 {-5 - 0.1 * t:.1f} 1 0 0 0" for t in range(1, 41)]
+    track = read_trajectory(write(tmp_path, "\n".join(rows), "track.tum"))
+    np.testing.assert_allclose(np.diff(track.T_world_camera[4:36, 0, 3]), 1.0)
+    np.testing.assert_allclose(np.diff(track.T_world_camera[:, 2, 3]), -0.1)
+    assert track.fixes_s is not None and track.notes
+
+
+def test_positions_in_a_table_of_their_own_are_fixes_before_tables_are_joined(
+    tmp_path: Path,
+) -> None:
+    places = [f"{t},{4 * (t // 4)},0" for t in range(41)]
+    write(tmp_path, "\n".join(["time,north,east", *places]), "place.csv")
+    angles = [f"{t / 4},5,90,0,0" for t in range(161)]
+    write(tmp_path, "\n".join(["time,depth,heading,pitch,roll", *angles]), "angles.csv")
+    track = read_trajectory(Path(f"{tmp_path / 'place.csv'},{tmp_path / 'angles.csv'}"))
+    np.testing.assert_allclose(np.diff(track.T_world_camera[:160, 1, 3]), 0.25)
+
+
+def test_between_positions_repeated_for_too_long_nothing_is_known(tmp_path: Path) -> None:
     rows = [f"{t},{12 * (t // 12)},0,5,90" for t in range(60)]
     track = read_trajectory(
         write(tmp_path, "\n".join(["time,north,east,depth,heading", *rows]), "nav.csv")
     )
-    assert track.T_world_camera[11, 1, 3] == 0
+    north_m = track.T_world_camera[:, 1, 3]
+    np.testing.assert_allclose(north_m[[0, 1, 11, 12, 13]], [0, 1, 11, 12, 13])
+    assert np.isnan(north_m[2:11]).all()
     (note,) = track.notes
-    assert note.startswith("4 positions of the table repeat for more than 10 s (up to 12.0 s)")
+    assert note.startswith("the positions repeat for up to 12.0 s: each is one fix")
+    assert note.endswith("nor between 4 pairs of more than 10 s")
 
 
 def test_positions_of_a_vehicle_that_rests_stay(tmp_path: Path) -> None:

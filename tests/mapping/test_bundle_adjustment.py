@@ -21,6 +21,7 @@ from stereo_seecolor.mapping.track import bundle_problem, odometry, placement_re
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
 from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.flattened_relief import flattened_relief
 from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.placement_refinement import RefinementSettings, refined
@@ -94,7 +95,7 @@ def line(true_std: Array, frames: int = 12, seed: int = 1) -> Line:
             Features(
                 seen[inside] + off,
                 np.tile(STATED, (len(inside), 1)),
-                np.zeros(len(inside)),
+                (seen[inside] + off)[:, 2],
                 np.zeros((len(inside), 128), np.uint8),
             )
         )
@@ -183,9 +184,51 @@ def test_errors_of_the_disparity_that_all_frames_share_are_in_the_standard_error
     assert off == pytest.approx(stated, rel=0.5)
 
 
+def flattened(own: Features, by: float) -> Features:
+    """Features whose relief windows flatten by this fraction; a narrower window does not."""
+    plane = np.column_stack([own.points[:, :2], np.ones(len(own.points))])
+    level = plane @ np.linalg.lstsq(plane, own.points[:, 2])[0]
+    inverse = own.points[:, 2] + by * (level - own.points[:, 2])
+    return replace(own, points=np.column_stack([own.points[:, :2], inverse]))
+
+
+@pytest.mark.slow
+def test_relief_that_windows_flatten_is_in_the_standard_errors() -> None:
+    """As it lengthens a track: without it the ends were 13 standard errors off."""
+    ends = []
+    for seed in range(4):
+        scene = line(STATED * [1, 1, 0.2], seed=seed)
+        features = [
+            flattened(replace(own, std=own.std * [1, 1, 0.2]), 0.1) for own in scene.features
+        ]
+        found, _ = adjusted(replace(scene, features=features))
+        ends.append((off_m(found.T_world_camera, scene)[-1], found.std[-1, 0]))
+    off, stated = np.sqrt((np.array(ends) ** 2).mean(axis=0))
+    assert off == pytest.approx(stated, rel=0.4)
+
+
+def test_relief_no_larger_than_noise_may_be_smoothed_away() -> None:
+    """All of it at most, and nothing of a plane."""
+    scene = line(STATED * [1, 1, 0.01], frames=3)
+    problem = problem_of(scene)
+    for noise, most in ((1e-6, 0.01), (1.0, 1.0)):
+        weight = np.full_like(problem.weight, 1 / noise)
+        averaged, smoothed = flattened_relief(replace(problem, weight=weight))
+        relief = problem.seen[:, 2] - problem.seen[:, 2].mean()
+        assert np.abs(averaged).max() < 1e-12
+        assert (smoothed[:, 2] @ relief) / (relief @ relief) == pytest.approx(most, abs=0.2)
+    plane = 0.5 + 0.1 * problem.seen[:, :2].sum(axis=1)
+    flat = replace(problem, seen=np.column_stack([problem.seen[:, :2], plane]), near=plane)
+    for error in flattened_relief(flat):
+        assert np.abs(error).max() < 1e-9
+
+
 def test_without_sightings_nothing_moves() -> None:
     nothing = TrackObservations(
-        np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3)))
+        np.zeros(0, np.int64),
+        np.zeros(0, np.int64),
+        Observed(np.zeros((0, 3)), np.zeros((0, 3))),
+        np.zeros(0),
     )
     T = line(STATED, frames=3).T
     found = adjust(T, BundleProblem.of(nothing), GEOMETRY)

@@ -3,6 +3,8 @@ with these where they do not.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,12 +13,15 @@ from numpy.typing import NDArray
 from test_navigation_readings import BEGIN_S, CONFIG, RATE_S, Table, positions, shifted
 
 from stereo_seecolor.config import MountConfig
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
+from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.mapping.navigation.comparison import Navigation, examine
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.records import Trajectory
 
 Array = NDArray[np.float64]
 Course = Callable[[Array], tuple[Array, Array]]
@@ -59,7 +64,7 @@ def table(course: Course, lasts_s: float, seed: int | None) -> Table:
 def told(
     course: Course,
     lasts_s: float,
-    change: Callable[[Table], Table] = lambda t: t,
+    change: Callable[[Table], Table | Trajectory] = lambda t: t,
     mount: MountConfig = CONFIG.mount,
     seed: int = 0,
 ) -> Navigation:
@@ -78,7 +83,8 @@ def told(
         measured[:3, 3] += rng.normal(0, 0.003, 3)
         edges.append(Edge(i, j, measured, np.eye(6), 100))
     own = Placement(pose(rotation_from_vector(np.ones(3)), np.ones(3)) @ true, np.zeros(count, int))
-    given = change(table(course, lasts_s, seed)).read(mount)
+    given = change(table(course, lasts_s, seed))
+    given = given if isinstance(given, Trajectory) else given.read(mount)
     survey = SimpleNamespace(index=index)
     return examine(
         place(index, given, CONFIG),
@@ -115,6 +121,64 @@ def test_a_sign_that_shows_after_a_corner_alone_is_no_wrong_part(seed: int) -> N
 def test_headings_off_on_a_short_line_are_not_the_camera_alone(seed: int) -> None:
     navigation = told(one_line, 9, lambda t: t._replace(heading_deg=t.heading_deg + 6), seed=seed)
     assert navigation.fits and "the given headings are turned by" in navigation.advice
+
+
+def held(t: Table, for_s: float, seed: int) -> Table:
+    """The table of a receiver that repeats each fix for so many seconds."""
+    since_s = t.times_s - BEGIN_S - for_s * np.random.default_rng(seed).random()
+    fix = np.floor(since_s / for_s)
+    return t._replace(north_east_m=t.north_east_m[np.searchsorted(fix, fix)])
+
+
+def from_file(t: Table, folder: Path, is_tum: bool) -> Trajectory:
+    """A table as it is read from a file: of navigation, or of poses."""
+    if is_tum:
+        path = folder / "track.tum"
+        write_tum(path, replace(t.read(), camera="rectified"))
+    else:
+        path = folder / "nav.csv"
+        rows = [",".join(map(repr, row)) for row in np.column_stack(t).tolist()]
+        path.write_text("\n".join(["time,north,east,depth,roll,pitch,heading", *rows]))
+    return read_trajectory(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_tum", [False, True])
+@pytest.mark.parametrize("for_s", [2.0, 4.0, 5.0, 8.0, 12.0])
+@pytest.mark.parametrize(("course", "lasts_s"), [(lines, 27), (corner, 40)])
+def test_fixes_that_a_receiver_repeats_are_no_scale_arm_jump_or_other_dive(
+    course: Course, lasts_s: float, for_s: float, is_tum: bool, tmp_path: Path
+) -> None:
+    """Interpolated over the turns between lines they were one of these on most tables."""
+    for seed in range(3):
+        navigation = told(
+            course,
+            lasts_s,
+            lambda t, seed=seed: from_file(held(t, for_s, seed), tmp_path, is_tum),
+            seed=seed,
+        )
+        assert navigation.fits and not navigation.advice
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("for_s", "change", "said"),
+    [
+        (4.0, lambda p: p * [-1, 1], "they would fit with y mirrored"),
+        (4.0, lambda p: p / 0.3048, "they would fit with positions in feet"),
+        (4.0, lambda p: 1.15 * p, "times as far apart as in the images"),
+        (8.0, lambda p: p * [-1, 1], "they would fit with y mirrored"),
+        (8.0, lambda p: p / 0.3048, "the given poses contradict the images"),
+    ],
+)
+def test_what_is_wrong_in_repeated_fixes_is_named(
+    for_s: float, change: Callable[[Array], Array], said: str, tmp_path: Path
+) -> None:
+    """Also where three of them are too few to be compared with each other."""
+    navigation = told(
+        lines, 27, lambda t: from_file(positions(held(t, for_s, 0), change), tmp_path, is_tum=False)
+    )
+    assert said in navigation.advice
 
 
 @pytest.mark.parametrize("course", [lines, one_line, corner])

@@ -21,6 +21,7 @@ from stereo_seecolor.inputs.trajectories import (
     poses,
     receivers,
 )
+from stereo_seecolor.inputs.trajectories.held_fixes import between_fixes
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
 from stereo_seecolor.inputs.trajectories.trajectory_format import (
     FileFormat,
@@ -67,7 +68,7 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     mount = mount or MountConfig()
     for format in added_formats():
         if isinstance(format, FileFormat) and format.recognizes(path):
-            return _of_left(format.read(path, mount))
+            return _of_fixes(_of_left(format.read(path, mount)))
     parts = [column_map.split_spec(part) for part in column_map.split_files(path)]
     if len(parts) > 1:
         tables = [_table(read_lines(file), columns) for file, columns in parts]
@@ -79,7 +80,7 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
         trajectory = known.read(lines, mount)
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
-    return _of_left(trajectory)
+    return _of_fixes(_of_left(trajectory))
 
 
 def trajectory_format(path: Path) -> str | None:
@@ -172,6 +173,22 @@ def _of_left(trajectory: Trajectory) -> Trajectory:
         timestamps_s=trajectory.timestamps_s[kept],
         T_world_camera=trajectory.T_world_camera[kept],
     )
+
+
+def _of_fixes(trajectory: Trajectory) -> Trajectory:
+    """The poses with positions between the fixes that they repeat; heights between them, too, where
+    these repeat as often.
+    """
+    if trajectory.fixes_s is not None:
+        return trajectory
+    T = trajectory.T_world_camera.copy()
+    for axes in (3, 2):
+        held = between_fixes(trajectory.timestamps_s, T[:, :axes, 3])
+        if held.fixes_s is not None:
+            T[:, :axes, 3] = held.positions
+            notes = (*trajectory.notes, *held.notes)
+            return replace(trajectory, T_world_camera=T, fixes_s=held.fixes_s, notes=notes)
+    return trajectory
 
 
 def _recognized(lines: Lines) -> tuple[TextFormat, Lines] | None:

@@ -11,12 +11,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import counted
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
 from stereo_seecolor.inputs.trajectories.degrees import read_degrees
+from stereo_seecolor.inputs.trajectories.held_fixes import (
+    MAX_GAP_S,
+    HeldFixes,
+    between_fixes,
+)
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
 from stereo_seecolor.inputs.trajectories.times import (
     AmbiguousDateError,
@@ -67,12 +71,6 @@ _CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
 """A time of day, as h:m:s or hhmmss."""
 UNKNOWN_HEADING, _MESSAGE = 65535, "global_position_int"
 """Of MAVLink."""
-LEAST_HELD, HELD = 3, 0.5
-"""Rows with one position, and the fraction of positions that have so many, of a receiver that
-repeats its last fix.
-"""
-MAX_GAP_S = 10.0
-"""Acoustic positions come every few seconds; further apart, what lies between is not known."""
 
 
 def split_files(spec: Path) -> list[Path]:
@@ -164,8 +162,10 @@ def read(
     names = tuple(
         table.text(columns["name"].lower()) if "name" in columns else [""] * len(table.rows)
     )
-    times_s, values = _times(table, columns, by_names), _values(table, columns)
-    return _camera(names, times_s, values, columns.keys(), mount, _step_m(table, columns))
+    times_s = _times(table, columns, by_names)
+    values, held = _between_fixes(times_s, _values(table, columns))
+    track = _camera(names, times_s, values, columns.keys(), mount, _step_m(table, columns))
+    return replace(track, fixes_s=held.fixes_s, notes=held.notes)
 
 
 def read_together(
@@ -198,14 +198,20 @@ def read_together(
         times.append(_times(table, columns, by_names=True))
     base = max(times, key=len)
     values: dict[str, Column] = {}
+    fixes_s: Column | None = None
+    notes: tuple[str, ...] = ()
     for (table, columns), own in zip(read_tables, times, strict=True):
-        for role, column in _values(table, columns).items():
+        of_table, held = _between_fixes(own, _values(table, columns))
+        if held.fixes_s is not None:
+            fixes_s, notes = held.fixes_s, held.notes
+        for role, column in of_table.items():
             joined = _at_times(base, own, column, role in _ANGLES)
             if np.isfinite(column).any() and not np.isfinite(joined).any():
                 raise InputError(f"{together}: have no time in common")
             values.setdefault(role, joined)
     step_m = max(_step_m(table, columns) for table, columns in read_tables)
-    return _camera(("",) * len(base), base, values, roles, mount, step_m)
+    track = _camera(("",) * len(base), base, values, roles, mount, step_m)
+    return replace(track, fixes_s=fixes_s, notes=notes)
 
 
 def _step_m(table: Table, columns: Mapping[str, str]) -> float:
@@ -256,6 +262,17 @@ def _values(table: Table, columns: Mapping[str, str]) -> dict[str, Column]:
     return _in_units_of_mavlink(table, columns, values)
 
 
+def _between_fixes(
+    times_s: Column, values: dict[str, Column]
+) -> tuple[dict[str, Column], HeldFixes]:
+    """The numbers with positions between the fixes that a receiver repeats."""
+    roles = ("lat", "lon") if "lat" in values else ("north", "east")
+    zeros = np.zeros(len(times_s))
+    held = between_fixes(times_s, np.column_stack([values.get(role, zeros) for role in roles]))
+    given = {role: held.positions[:, axis] for axis, role in enumerate(roles) if role in values}
+    return values | given, held
+
+
 def _in_units_of_mavlink(
     table: Table, columns: Mapping[str, str], values: dict[str, Column]
 ) -> dict[str, Column]:
@@ -299,7 +316,6 @@ def _camera(
         if "lat" in values
         else (np.column_stack([values.get("north", zeros), values.get("east", zeros)]), None)
     )
-    north_east_m, notes = _between_changes(times_s, north_east_m)
     fixes = roles <= _FIXES
     attitude_deg = np.column_stack(
         [values.get(role, zeros) for role in ("roll", "pitch", "heading")]
@@ -313,43 +329,7 @@ def _camera(
         origin,
         position_step_m,
     ).camera(MountConfig() if fixes else mount)
-    return replace(track, fixes=fixes, notes=notes)
-
-
-def _between_changes(times_s: Column, north_east_m: Array) -> tuple[Array, tuple[str, ...]]:
-    """Positions (N, 2) of a receiver that repeats each until the next one: linear in time between
-    the rows at which they change; and notes on how long they are repeated.
-
-    Those repeated for longer than MAX_GAP_S stay, as of a vehicle that rests.
-    """
-    known = np.flatnonzero(np.isfinite(times_s) & np.isfinite(north_east_m).all(axis=1))
-    if len(known) < 2 or (np.diff(times_s[known]) <= 0).any():
-        return north_east_m, ()
-    same = (np.diff(north_east_m[known], axis=0) == 0).all(axis=1)
-    changed = np.flatnonzero(np.concatenate([[True], ~same]))
-    gap_s = np.diff(times_s[known[changed]])
-    repeated = np.diff(changed) >= LEAST_HELD
-    if not repeated.any() or repeated.mean() < HELD:
-        return north_east_m, ()
-    held = repeated & (gap_s <= MAX_GAP_S)
-    found = north_east_m.copy()
-    for first, last in zip(changed[:-1][held], changed[1:][held], strict=True):
-        ends = known[[first, last]]
-        own = known[first : last + 1]
-        for axis in range(2):
-            found[own, axis] = np.interp(times_s[own], times_s[ends], north_east_m[ends, axis])
-    notes = []
-    if held.any():
-        notes.append(
-            f"the positions repeat for up to {gap_s[held].max():.1f} s: read as they change"
-        )
-    if too_long := int((repeated & ~held).sum()):
-        notes.append(
-            f"{counted(too_long, 'position')} of the table repeat for more than {MAX_GAP_S:g} s "
-            f"(up to {gap_s[repeated].max():.1f} s), as of a vehicle that rests or a receiver that "
-            "repeats its last fix: where the vehicle moves, leave these rows out"
-        )
-    return found, tuple(notes)
+    return replace(track, fixes=fixes)
 
 
 def _missing(columns: Mapping[str, str]) -> list[str]:

@@ -217,7 +217,7 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
             f"the trajectory's poses are out of order (times go back by up to {back_s:.6g} s"
             f"{_set_back(back_s)}): they were sorted by time"
         )
-    T = _at(times, poses, index.timestamps_s, FARTHEST_POSE_S)
+    T = poses_at(times, poses, index.timestamps_s)
     reasons = {
         int(i): "it has no time stamp"
         if np.isnan(index.timestamps_s[i])
@@ -235,14 +235,11 @@ def _set_back(back_s: float) -> str:
     return ""
 
 
-def _at(
-    times: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    wanted_s: NDArray[np.float64],
-    max_gap_s: float,
+def poses_at(
+    times: NDArray[np.float64], poses: NDArray[np.float64], wanted_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The poses at other times (M,): between two, with constant velocities; NaN in longer gaps, and
-    before the first and after the last pose.
+    """Interpolate poses (N, 4, 4) at ascending times to other times (M,), with constant velocities;
+    NaN in gaps of over FARTHEST_POSE_S, and before the first and after the last pose.
     """
     T = np.full((len(wanted_s), 4, 4), np.nan)
     if not len(times):
@@ -253,7 +250,7 @@ def _at(
     exact = times[after] == near
     before[exact] = after[exact]
     gap_s = times[after] - times[before]
-    known = (np.abs(near - wanted_s) <= END_TOLERANCE_S) & (gap_s <= max_gap_s)
+    known = (np.abs(near - wanted_s) <= END_TOLERANCE_S) & (gap_s <= FARTHEST_POSE_S)
     if not known.any():
         return T
     after, before, near = after[known], before[known], near[known]

@@ -13,13 +13,19 @@ from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_v
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
 from stereo_seecolor.mapping.navigation.deviations import deviations
+from stereo_seecolor.mapping.navigation.fix_frames import fix_frames
 from stereo_seecolor.mapping.navigation.interpretations import (
     PoseReading,
     best_readings,
     interpretations,
     named,
 )
-from stereo_seecolor.mapping.navigation.motions import Motions, by_frame, depth_difference_m
+from stereo_seecolor.mapping.navigation.motions import (
+    LEAST_EDGES,
+    Motions,
+    by_frame,
+    depth_difference_m,
+)
 from stereo_seecolor.mapping.navigation.mount import (
     North,
     Turn,
@@ -28,7 +34,7 @@ from stereo_seecolor.mapping.navigation.mount import (
     mount_with,
     north_of,
 )
-from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
+from stereo_seecolor.mapping.navigation.seen_motion import WRONG, WRONG_BETWEEN, SeenMotion
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.pose_graph import Prior
@@ -164,8 +170,12 @@ def examine(
 
     What is named was tested against all other readings; of those that fit as well all are named.
     """
+    given, fixed = fix_frames(given, own, survey.index, trajectory)
     T = given.T_world_camera
-    seen = SeenMotion.of(T, edges, own, survey.index.order)
+    seen = SeenMotion.of(T, edges, own, survey.index.order, fixed)
+    are_few = fixed is not None and len(seen.edges) < LEAST_EDGES
+    if are_few:  # what is interpolated between them still shows a sign or a unit
+        seen = SeenMotion.of(T, edges, own, survey.index.order)
     motions = Motions.of(T, seen.edges)
     navigation = _residuals(motions, seen.edges, survey)
     position_m, attitude_deg = (
@@ -193,12 +203,13 @@ def examine(
     straight = correction.T
     if wrong := _misread(T, seen, readings, correction, plain):
         return _unfit(verdict, f"{CONTRADICTED}{wrong}")
-    if contradiction := seen.contradiction(straight, step_m):
+    if contradiction := seen.contradiction(straight, step_m, WRONG_BETWEEN if are_few else WRONG):
         return _unfit(verdict, f"{CONTRADICTED}: {contradiction}: do they belong to this dive?")
     advice_lines = list(correction.advice)
     if advice_lines and readings and _are_alike(readings[0], correction, plain, seen):
         advice_lines[-1] += f"; or, as likely, {named(readings)}"
-    advice_lines += _deviations(straight, seen, survey.index, step_m if is_rounded else 0.0)
+    if not are_few:
+        advice_lines += _deviations(straight, seen, survey.index, step_m if is_rounded else 0.0)
     return replace(
         verdict,
         navigation=replace(navigation, advice="; ".join(advice_lines)),

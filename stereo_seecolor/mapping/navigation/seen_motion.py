@@ -22,10 +22,13 @@ Numbers = NDArray[np.intp]
 
 SPAN_PARTS = (2, 3, 5)
 """Of a component's frames, that spans reach over."""
+NEIGHBORS = (1, 2, 3)
+"""Steps between fixes that are compared, as between frames."""
 MOST_SPANS, MOST_EDGES = 300, 200
 """That a reading is judged by."""
-WRONG = 0.5
-"""Of their median length, by which poses off over spans contradict the pictures,"""
+WRONG, WRONG_BETWEEN = 0.5, 1.0
+"""Of their median length, by which poses off over spans contradict the pictures, positions of their
+own and positions between a few fixes,"""
 GROWS = 1.5
 """where they are off by so many times as much as between neighbors: noise of single positions does
 not grow.
@@ -43,12 +46,21 @@ class SeenMotion:
 
     @classmethod
     def of(
-        cls, T_world_camera: Array, edges: Sequence[Edge], own: Placement | None, order: Numbers
+        cls,
+        T_world_camera: Array,
+        edges: Sequence[Edge],
+        own: Placement | None,
+        order: Numbers,
+        fixed: NDArray[np.bool_] | None = None,
     ) -> "SeenMotion":
         """The motion between frames that have a given pose (N, 4, 4). own: placed by the pictures
-        alone. order: of the frames in time.
+        alone. order: of the frames in time. fixed: (N,) frames whose position was measured, where
+        the others' is interpolated between them: those that follow each other are neighbors.
         """
         known = np.asarray(np.isfinite(T_world_camera).all(axis=(1, 2)))
+        if fixed is not None and own is not None:
+            known &= fixed
+            edges = spans_of(own, order, known, NEIGHBORS)
         spans = spans_of(own, order, known) if own is not None else []
         return cls([e for e in edges if known[[e.i, e.j]].all()], spans)
 
@@ -73,16 +85,16 @@ class SeenMotion:
         off = np.concatenate([misfits(T_world_camera, edges) for edges in (self.edges, self.spans)])
         return float(np.log1p(off**2).mean())
 
-    def contradiction(self, T_world_camera: Array, step_m: float) -> str:
+    def contradiction(self, T_world_camera: Array, step_m: float, wrong: float = WRONG) -> str:
         """What to say of poses that fit from frame to frame, and not over the dive; "" of others.
 
-        step_m: what positions are rounded to.
+        step_m: what positions are rounded to. wrong: WRONG, or WRONG_BETWEEN.
         """
         if not self.spans:
             return ""
         near, far = (Motions.of(T_world_camera, edges) for edges in (self.edges, self.spans))
         near_m, far_m = float(np.median(near.position_m)), float(np.median(far.position_m))
-        if far_m < max(WRONG * far.step_m, GROWS * near_m, step_m):
+        if far_m < max(wrong * far.step_m, GROWS * near_m, step_m):
             return ""
         return (
             f"the given positions are {far_m:.2f} m off over {far.step_m:.2f} m of the track "
@@ -91,14 +103,18 @@ class SeenMotion:
         )
 
 
-def spans_of(own: Placement, order: Numbers, known: NDArray[np.bool_]) -> list[Edge]:
-    """Relative poses of frames far apart on a track; known: (N,) the frames that count."""
+def spans_of(
+    own: Placement, order: Numbers, known: NDArray[np.bool_], steps: Sequence[int] = ()
+) -> list[Edge]:
+    """Relative poses of frames so many steps apart on a track, or far apart; known: (N,) the frames
+    that count.
+    """
     spans = []
     for component in range(len(own.sizes)):
         frames = [int(i) for i in order if own.components[i] == component and known[i]]
         pairs = (
             (i, j)
-            for step in sorted({len(frames) // part for part in SPAN_PARTS} - {0, 1})
+            for step in steps or sorted({len(frames) // part for part in SPAN_PARTS} - {0, 1})
             for i, j in zip(frames, islice(frames, step, None), strict=False)
         )
         T = own.T_world_camera

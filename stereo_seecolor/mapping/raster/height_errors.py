@@ -34,15 +34,26 @@ def height_stds(heights: Array, margin: int = 0) -> Array:
     the result.
 
     What is finer than matching resolves, as gaps between branches, is smoothed away: the roughness
-    that is left tells how much, and holds the errors that neighbors do not share. Beside a hole
-    lies what no frame saw or could match, mostly the foot of a step, and what is above reaches over
-    it: a part of the height of things around.
+    that is left tells how much, and holds the errors that neighbors do not share.
     """
-    known = np.isfinite(heights)
     needed = min(margin, ROUGH_CELLS + ROUGH_OVER_CELLS)
     near = _inner(heights, margin - needed)
     off_m, rise_m = departure_and_rise(near, ROUGH_CELLS)
     rough_m = np.sqrt(_mean_around(off_m**2, np.isfinite(near), ROUGH_OVER_CELLS))
+    parts = (
+        _inner(OF_ROUGHNESS * rough_m, needed),
+        _inner(PLACE_CELLS * rise_m, needed),
+        _inner(stds_beside_holes(heights), margin),
+    )
+    return np.asarray(np.sqrt(sum(part**2 for part in parts)))
+
+
+def stds_beside_holes(heights: Array) -> Array:
+    """(H, W) errors of heights (H, W), NaN where unknown, by holes: there lies what no frame saw or
+    could match, mostly the foot of a step, and what is above reaches over it: a part of the height
+    of things around.
+    """
+    known = np.isfinite(heights)
     around = np.ones((2 * RELIEF_CELLS + 1,) * 2, np.uint8)
     highest, lowest = (
         cv2.dilate(
@@ -57,12 +68,7 @@ def height_stds(heights: Array, margin: int = 0) -> Array:
     seen = np.pad(known, 1).astype(np.uint8)
     off_cells = cv2.distanceTransform(seen, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     beside = np.where(off_cells <= RELIEF_CELLS, np.exp(-off_cells / HOLE_CELLS), 0.0)
-    parts = (
-        _inner(OF_ROUGHNESS * rough_m, needed),
-        _inner(PLACE_CELLS * rise_m, needed),
-        _inner(OF_RELIEF * relief_m * beside, margin),
-    )
-    return np.asarray(np.sqrt(sum(part**2 for part in parts)))
+    return np.asarray(OF_RELIEF * relief_m * beside)
 
 
 def _inner(values: Array, margin: int) -> Array:

@@ -7,12 +7,14 @@ the frames' equations are solved in a sparse order.
 """
 
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, State
+from stereo_seecolor.mapping.track.flattened_relief import flattened_relief
 from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.known_points import KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import Prior
@@ -114,8 +116,8 @@ def _scales(problem: BundleProblem, state: State, used: tuple[float, float]) -> 
 
 
 def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array:
-    """(N, 2) of position and attitude: by errors of each observation, and by those of the disparity
-    that all frames share.
+    """(N, 2) of position and attitude: by errors of each observation, and by those of disparities
+    and of relief that views share.
 
     All NaN where errors grow so far along an open track, some hundreds of meters, that double
     precision does not hold them.
@@ -125,7 +127,8 @@ def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array
         step = problem.linearize(state)
         covariances = step.blocks.covariances()[:number]
         variances = np.diagonal(covariances, axis1=1, axis2=2).copy()
-        for error in disparity_errors(problem.seen, geometry):
+        shared = chain(disparity_errors(problem.seen, geometry), flattened_relief(problem))
+        for error in shared:
             variances += problem.moves_by(state, step, error) ** 2
     except np.linalg.LinAlgError:
         return np.full((number, 2), np.nan)

@@ -66,8 +66,8 @@ class BundleProblem:
 
     frames: (N,) those that take part, by ascending number; all else is by position among them.
     point, frame: (n,) sorted by point.
-    seen, weight: (n, 3) what was seen in image space, and inverse standard errors. priors: of
-    poses. known: of points.
+    seen, weight: (n, 3) what was seen in image space, and inverse standard errors. near: (n,) as
+    Features have it. priors: of poses. known: of points.
     """
 
     frames: Integers
@@ -75,6 +75,7 @@ class BundleProblem:
     frame: Integers
     seen: Array
     weight: Array
+    near: Array
     priors: Sequence[Prior]
     known: Sequence[Known]
 
@@ -92,12 +93,11 @@ class BundleProblem:
         frames = np.union1d(
             observations.frame, np.array([prior.frame for prior in priors], np.int64)
         ).astype(np.int64)
-        frame, seen = (
-            np.searchsorted(frames, observations.frame[order]),
-            observations.seen.chosen(order),
-        )
+        frame = np.searchsorted(frames, observations.frame[order])
+        seen, near = observations.seen.chosen(order), observations.near[order]
         own = [replace(prior, frame=int(np.searchsorted(frames, prior.frame))) for prior in priors]
-        return cls(frames, observations.point[order], frame, seen.points, 1 / seen.std, own, known)
+        point = observations.point[order]
+        return cls(frames, point, frame, seen.points, 1 / seen.std, near, own, known)
 
     def scaled(self, directions: float, depths: float) -> "BundleProblem":
         """Scale the errors of directions and of inverse depths by these factors."""

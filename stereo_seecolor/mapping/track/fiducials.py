@@ -175,6 +175,7 @@ class Marks:
                 [observations.point, np.concatenate([keys for _, _, keys in seen])]
             ),
             seen=Observed(all_points, np.concatenate([observations.seen.std, std])),
+            near=np.concatenate([observations.near, 1 / points[:, 2]]),
         )
         return joined, [*self._lengths(corners), *self._places(corners)]
 

@@ -73,8 +73,8 @@ class ImageErrors:
 
     def corrected(self, features: Features) -> Features:
         """Features without the errors."""
-        field = _field(features.points, self.geometry, len(self.values))
-        return replace(features, points=features.points - field @ self.values)
+        off = _field(features.points, self.geometry, len(self.values)) @ self.values
+        return replace(features, points=features.points - off, near=features.near - off[:, 2])
 
 
 def find_image_errors(pairs: Sequence[FramePair], geometry: RectifiedPair) -> ImageErrors | None:

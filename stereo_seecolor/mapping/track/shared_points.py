@@ -26,12 +26,13 @@ Relation = tuple[tuple[int, int], RelativePose]
 @dataclass(frozen=True, eq=False)
 class TrackObservations:
     """n observations of m points. frame: (n,) position on the track, point: (n,) number from 0 to m
-    - 1, seen: (n,) as it was seen.
+    - 1, seen: (n,) as it was seen, near: (n,) as Features have it.
     """
 
     frame: Integers
     point: Integers
     seen: Observed
+    near: NDArray[np.float64]
 
     @property
     def views(self) -> Integers:
@@ -49,7 +50,7 @@ def observations(
     of its matches is wrong.
     """
     frame, feature, point = _shared(relations, most)
-    return TrackObservations(frame, point, _observed(features, frame, feature))
+    return TrackObservations(frame, point, *_observed(features, frame, feature))
 
 
 def _shared(relations: Sequence[Relation], most: int) -> tuple[Integers, Integers, Integers]:
@@ -109,12 +110,14 @@ def _best(views: Labels, point: Labels, ends: Integers, most: int) -> Labels:
     return chosen
 
 
-def _observed(features: Sequence[Features], frame: Integers, feature: Integers) -> Observed:
+def _observed(
+    features: Sequence[Features], frame: Integers, feature: Integers
+) -> tuple[Observed, NDArray[np.float64]]:
     """Frames ascend: each is read once."""
     starts = np.flatnonzero(np.diff(frame, prepend=-1))
     parts = []
     for start, end in zip(starts, [*starts[1:], len(frame)], strict=True):
         own, chosen = features[int(frame[start])], feature[start:end]
-        parts.append((own.points[chosen], own.std[chosen]))
-    points, std = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return Observed(points, std)
+        parts.append((own.points[chosen], own.std[chosen], own.near[chosen]))
+    points, std, near = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Observed(points, std), near

@@ -1,10 +1,11 @@
 """The difference of two terrains, cell by cell, with standard errors calibrated on stable ground of
 this site.
 
-The errors of both terrains and of the registration add up. What they do not know, such as voxels
-that fall differently on rough ground, is read off ground that did not change: the spread of
-differences there, against what the errors say, as a function of what they say (Hugonnet et al.
-2022, IEEE JSTARS 15; the same for slopes). The level of detection is then 1.96 standard errors.
+The errors of both terrains, also beside their holes, and of the registration add up. What they do
+not know, such as voxels that fall differently on rough ground, is read off ground that did not
+change: the spread of differences there, against what the errors say, as a function of what they say
+(Hugonnet et al. 2022, IEEE JSTARS 15; the same for slopes). The level of detection is then 1.96
+standard errors.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.comparing.registration import Registration
+from stereo_seecolor.mapping.raster.height_errors import stds_beside_holes
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
@@ -96,7 +98,8 @@ def difference(
     dz = b.height_m - a.height_m
     shared = registration.std_m(np.nan_to_num(a.points_m), np.nan_to_num(a.slopes))
     sideways = SETTINGS.slope_cells * a.grid.cell_m * np.maximum(_steepness(a), _steepness(b))
-    stated = np.sqrt(a_errors.std_m**2 + b_errors.std_m**2 + shared**2 + sideways**2)
+    holes = np.hypot(stds_beside_holes(a.height_m), stds_beside_holes(b.height_m))
+    stated = np.sqrt(a_errors.std_m**2 + b_errors.std_m**2 + shared**2 + sideways**2 + holes**2)
     known = np.isfinite(dz) & np.isfinite(stated)
     dz, stable, factor = np.where(known, dz, np.nan), known, np.ones_like(dz)
     for _ in range(SETTINGS.rounds):

@@ -1,0 +1,39 @@
+"""Relief that matching and averaging flatten: an error of inverse depths that all views of a place
+share, which residuals hardly show. The motion of flattened relief through the image looks like that
+along a longer track.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
+
+Array = NDArray[np.float64]
+
+
+def flattened_relief(problem: BundleProblem) -> Iterator[Array]:
+    """Errors of the observations by relief that windows average, and by what is smoothed away with
+    noise, each as large as its standard deviation.
+
+    How much windows average shows in narrower ones. Smoothing takes as much of relief as of noise:
+    the fraction of their variances, each frame's (as a Wiener filter does).
+
+    Yields:
+        Two errors of the problem's points in image space, each (n, 3).
+    """
+    relief, smoothed = np.zeros(len(problem.seen)), np.zeros(len(problem.seen))
+    by_frame = np.argsort(problem.frame, kind="stable")
+    for own in np.split(by_frame, np.flatnonzero(np.diff(problem.frame[by_frame])) + 1):
+        directions, inverse = problem.seen[own, :2], problem.seen[own, 2]
+        plane = np.column_stack([directions, np.ones(len(own))])
+        relief[own] = inverse - plane @ np.linalg.lstsq(plane, inverse)[0]
+        noise, whole = (problem.weight[own, 2] ** -2).sum(), (relief[own] ** 2).sum()
+        smoothed[own] = relief[own] * (noise / max(noise, whole))
+    whole = (relief**2).sum()
+    averaged = relief * ((problem.near - problem.seen[:, 2]) @ relief / whole if whole else 0.0)
+    for inverse in (averaged, smoothed):
+        error = np.zeros_like(problem.seen)
+        error[:, 2] = inverse
+        yield error
