@@ -47,7 +47,7 @@ def test_survey_lock_is_the_fit_to_all_pixels_together(method):
     frames = [reef(seed) for seed in range(4)]
     few = PaperConfig(iterations=100)
     corrector, waters = waters_of(frames, lock="survey", method=method, paper=few)
-    together = corrector.fit(
+    together = Corrector(corrector.config.of_dive()).fit(
         measure(np.vstack([f[0] for f in frames]), np.vstack([f[1] for f in frames]))
     )
     assert list(waters) == ["0", "1", "2", "3"]
@@ -75,8 +75,23 @@ def test_sliding_lock_is_the_fit_to_the_last_frames():
     last_two = measure(
         np.vstack([frames[2][0], frames[3][0]]), np.vstack([frames[2][1], frames[3][1]])
     )
+    of_dive = Corrector(corrector.config.of_dive())
     # begun from another water
-    assert np.allclose(waters["3"].w, corrector.fit(last_two).w, atol=2e-3)
+    assert np.allclose(waters["3"].w, of_dive.fit(last_two).w, atol=2e-3)
+
+
+def test_the_brightest_of_a_dive_may_be_sand_and_of_a_single_image_white():
+    """A warmer content leaves a white point with less red and more blue."""
+
+    def red_over_blue(lock, brightest="auto"):
+        _, waters = waters_of([reef(0)], lock=lock, robust={"brightest": brightest})
+        return waters["0"].white[0] / waters["0"].white[2]
+
+    white, mixed, sand = (red_over_blue("survey", each) for each in ("white", "mixed", "sand"))
+    assert white > 1.03 * mixed > 1.06 * sand
+    assert red_over_blue("survey") == red_over_blue("auto") == mixed
+    assert red_over_blue("frame") == white
+    assert red_over_blue("frame", "sand") == sand
 
 
 def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water(monkeypatch):
