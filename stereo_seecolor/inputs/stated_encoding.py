@@ -16,7 +16,9 @@ from stereo_seecolor.inputs.video_frames import is_video
 Stated = Literal["linear", "encoded"]
 
 LINEAR_GAMMA = (100_000).to_bytes(4, "big")
-"""Content of the chunk gAMA of a PNG that says that its values are linear light."""
+"""Content of the chunk gAMA of a PNG that says that its values are linear light. Another value says
+nothing: ImageMagick writes that of a screen into every file.
+"""
 EXIF_IFD, COLOR_SPACE, SRGB = 0x8769, 0xA001, 1
 """Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB."""
 ICC_TAGS, ICC_CURVES = 128, (b"rTRC", b"kTRC")
@@ -24,7 +26,7 @@ ICC_TAGS, ICC_CURVES = 128, (b"rTRC", b"kTRC")
 
 
 def stated_encoding(path: Path) -> Stated | None:
-    """Read what a file states: the profile (ICC), the chunks gAMA and sRGB of a PNG, or EXIF.
+    """Read what a file states: a profile (ICC), gAMA of 1 or sRGB in a PNG, or EXIF.
 
     Frames of a video are encoded. Returns None without a statement, and for files that are damaged.
     """
@@ -32,8 +34,8 @@ def stated_encoding(path: Path) -> Stated | None:
         return "encoded"
     with suppress(InputError):
         content = read_image_bytes(path)
-        if content.startswith(PNG_SIGNATURE) and (gamma := png_chunk(content, b"gAMA")):
-            return "linear" if gamma == LINEAR_GAMMA else "encoded"
+        if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"gAMA") == LINEAR_GAMMA:
+            return "linear"
         if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"sRGB"):
             return "encoded"
     # the errors of Pillow for what it does not read

@@ -185,12 +185,25 @@ def test_the_settings_of_a_run_hold_what_was_measured(tmp_path: Path) -> None:
     assert settle_response(given, pairs) == (given, ())
 
 
-def test_a_png_that_states_a_gamma_of_1_is_linear_where_noise_says_nothing(tmp_path: Path) -> None:
-    chunk = b"gAMA" + (100_000).to_bytes(4, "big")
-    chunk = (4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+def png_with(path: Path, kind: bytes, data: bytes) -> None:
+    chunk = len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
     png = cv2.imencode(".png", np.full((60, 80, 3), 90, np.uint8))[1].tobytes()
-    path = tmp_path / "a.png"
     path.write_bytes(png[:33] + chunk + png[33:])  # behind the header
+
+
+def test_srgb_in_a_png_is_a_statement_and_the_gamma_that_imagemagick_writes_is_none(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.png"
+    png_with(path, b"sRGB", b"\0")
+    assert stated_encoding(path) == "encoded"
+    png_with(path, b"gAMA", (45_455).to_bytes(4, "big"))
+    assert stated_encoding(path) is None
+
+
+def test_a_png_that_states_a_gamma_of_1_is_linear_where_noise_says_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    png_with(path, b"gAMA", (100_000).to_bytes(4, "big"))
     config, notes = settle_response(RunConfig(), [Pair("a", path, path)])
     assert config.color.input_encoding == "linear"
     assert notes == (
