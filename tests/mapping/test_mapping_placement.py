@@ -128,10 +128,10 @@ def test_a_pose_that_jumps_away_and_back_is_left_out() -> None:
 def test_a_pose_that_is_not_finite_leaves_its_frame_out() -> None:
     T = line()
     T[3, 0, 3] = np.nan
-    assert place(index(), by_name(T), CONFIG).unplaced[0].reason == "its pose is not finite"
+    assert place(index(), by_name(T), CONFIG).unplaced[0].reason == "its pose is not known"
     placement = place(index(), by_time(T), CONFIG)
     assert not placement.unplaced  # its neighbors in time stand in for it
-    assert "left out: 1 pose of the trajectory, not finite" in placement.warnings[0]
+    assert "left out: 1 pose of the trajectory whose position" in placement.warnings[0]
 
 
 def test_duplicate_time_stamps_count_once() -> None:

@@ -105,7 +105,7 @@ def _numbers(names: Sequence[str], poses: int) -> NDArray[np.intp] | None:
 
 def _of_places(trajectory: Trajectory, places: NDArray[np.intp], how: str) -> Assignment:
     T = trajectory.T_world_camera[places]
-    reasons = {int(i): "its pose is not finite" for i in np.flatnonzero(~_finite(T))}
+    reasons = {int(i): "its pose is not known" for i in np.flatnonzero(~_finite(T))}
     T[list(reasons)] = np.nan
     return Assignment(
         T,
@@ -162,7 +162,7 @@ def _by_name(index: FrameIndex, trajectory: Trajectory, by_key: dict[str, list[i
         elif len(poses) > 1:
             reasons[i] = f"the trajectory contains its name {len(poses)} times"
         elif not finite[poses[0]]:
-            reasons[i] = "its pose is not finite"
+            reasons[i] = "its pose is not known"
         elif poses[0] in used:
             reasons[i] = "another pair of the same name has its pose"
         else:
@@ -203,8 +203,8 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
     if not finite.all():
         warnings.append(
-            f"left out: {counted(int(np.count_nonzero(~finite)), 'pose of the trajectory')}, not "
-            "finite"
+            f"left out: {counted(int(np.count_nonzero(~finite)), 'pose of the trajectory')} whose "
+            "position, attitude or time is not known"
         )
     times, first = np.unique(trajectory.timestamps_s[finite], return_index=True)
     poses = trajectory.T_world_camera[finite][first]
