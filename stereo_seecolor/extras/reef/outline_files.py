@@ -116,14 +116,25 @@ def _ring(corners: Any, turn: Turn, number: int) -> Ring:
 
 def _check_holes(polygons: list[list[Ring]], number: int) -> None:
     """Raises InputError for holes that are not inside their polygon, and for rings that cross."""
-    rings = [ring for polygon in polygons for ring in polygon]
-    if any(cross(one, other) for one, other in combinations(rings, 2)):
+    if _any_cross([ring for polygon in polygons for ring in polygon]):
         raise InputError(f"polygon {number}: two of its rings cross: draw them apart")
     for outer, *holes in polygons:
         if not all(_holds(outer, hole) for hole in holes):
             raise InputError(f"polygon {number}: a hole is not inside the outline")
         if any(_holds(*both) or _holds(*both[::-1]) for both in combinations(holes, 2)):
             raise InputError(f"polygon {number}: a hole is inside another hole, or given twice")
+
+
+def _any_cross(rings: list[Ring]) -> bool:
+    """Whether two of the rings cross; only those whose boxes meet are compared, since a file may
+    hold thousands.
+    """
+    low, high = (np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max))
+    for i, ring in enumerate(rings):
+        meet = ((low[:i] <= high[i]) & (high[:i] >= low[i])).all(axis=1)
+        if any(cross(ring, rings[k]) for k in np.flatnonzero(meet)):
+            return True
+    return False
 
 
 def _holds(outer: Ring, ring: Ring) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef import outline_files
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import GeoOrigin
@@ -123,6 +124,18 @@ def test_holes_and_parts_inside_holes_are_read(tmp_path: Path) -> None:
     parts = [[SQUARE, square(1, 1, 2)], [square(1.5, 1.5, 1)]]
     path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": parts}))
     assert len(read_outlines(path, POSED)[0].rings) == 3
+
+
+def test_parts_far_apart_are_not_compared_side_by_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared: list[int] = []
+    monkeypatch.setattr(outline_files, "cross", lambda *_: bool(compared.append(1)))
+    parts = [[square(5 * k, 0, 4)] for k in range(200)]  # of a layer that was dissolved by class
+    path = tmp_path / "p.geojson"
+    path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": parts}))
+    assert len(read_outlines(path, POSED)[0].rings) == 200
+    assert not compared
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
