@@ -78,7 +78,7 @@ def _png_exif(content: bytes) -> bytes:
 
 
 def png_chunk(content: bytes, wanted: bytes) -> bytes:
-    """The data of a PNG's first chunk of this kind, such as eXIf, PLTE and gAMA; b"" where there is
+    """The data of a PNG's first chunk of this kind, such as eXIf and PLTE; b"" where there is
     none.
     """
     position = len(PNG_SIGNATURE)

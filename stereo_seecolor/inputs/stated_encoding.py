@@ -2,22 +2,21 @@
 
 import struct
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Literal
 
 from PIL import Image as Pillow
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.image_marks import PNG_SIGNATURE
-from stereo_seecolor.inputs.headers import png_chunk
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.video_frames import is_video
 
 Stated = Literal["linear", "encoded"]
 
-LINEAR_GAMMA = (100_000).to_bytes(4, "big")
-"""Content of the chunk gAMA of a PNG that says that its values are linear light. Another value says
-nothing: ImageMagick writes that of a screen into every file.
+LINEAR_GAMMA = 1.0
+"""gAMA of a PNG that says that its values are linear light. Another value says nothing: ImageMagick
+writes that of a screen into every file.
 """
 EXIF_IFD, COLOR_SPACE, SRGB = 0x8769, 0xA001, 1
 """Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB."""
@@ -32,17 +31,16 @@ def stated_encoding(path: Path) -> Stated | None:
     """
     if any(map(is_video, path.parents)):
         return "encoded"
-    with suppress(InputError):
-        content = read_image_bytes(path)
-        if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"gAMA") == LINEAR_GAMMA:
+    # and the errors of Pillow for what it does not read
+    with (
+        suppress(InputError, OSError, ValueError, SyntaxError),
+        Pillow.open(BytesIO(read_image_bytes(path))) as image,
+    ):
+        if image.info.get("gamma") == LINEAR_GAMMA:
             return "linear"
-        if content.startswith(PNG_SIGNATURE) and png_chunk(content, b"sRGB"):
-            return "encoded"
-    # the errors of Pillow for what it does not read
-    with suppress(OSError, ValueError, SyntaxError), Pillow.open(path) as image:
         if profile := image.info.get("icc_profile"):
             return profile_encoding(profile)
-        if image.getexif().get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
+        if "srgb" in image.info or image.getexif().get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
             return "encoded"
     return None
 
