@@ -80,7 +80,7 @@ def _joined(matches: Labels, nodes: int) -> Labels:
     for start in range(0, matches.shape[1], AT_ONCE):
         a, b = label[matches[:, start : start + AT_ONCE]]
         points = int(label.max()) + 1
-        graph = csr_array((np.ones(len(a), np.int8), (a, b)), (points, points))
+        graph = csr_array((np.ones(len(a), np.bool_), (a, b)), (points, points))
         label = connected_components(graph, directed=False)[1][label]
     return label
 
