@@ -35,6 +35,7 @@ from stereo_seecolor.inputs.images import as_image, read_image
 from stereo_seecolor.inputs.opened_paths import open_around
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.pair_check import PairCheck
+from stereo_seecolor.matching.particles import without_particles
 from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import (
     Correction,
@@ -218,6 +219,7 @@ class Pipeline:
         with clock("match"):
             range_map = self.matcher.match(rectified)
             range_map = self.check_pair(rectified.name, range_map, partial(self.read, pair))
+            range_map = without_particles(rectified, range_map)
         upright = self.rectification.upright
         with clock("rectify"):
             return response.standard(upright(rectified.left)), range_map.each(upright)
@@ -291,6 +293,7 @@ class Pipeline:
         with clock("match"):
             range_map = (match or self.matcher.match)(rectified)
             range_map = self.check_pair(frame.name, range_map, lambda: frame)
+            range_map = without_particles(rectified, range_map)
         upright = self.rectification.upright
         with clock("rectify"):
             left, right = upright(rectified.left), upright(rectified.right)
