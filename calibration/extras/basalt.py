@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import (
     Plane,
     double_sphere,
@@ -19,7 +20,6 @@ from calibration.formats.reading.lens_models import (
     fitted_camera,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import Camera, CameraModel, StereoRig
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.rig import StereoRig
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import check_sides_named, make_camera
+from calibration.formats.ros import check_sides_named
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
+from calibration.formats.ros import rectified_rig, rig_from_projections
 from calibration.rig import COLOR_TAKEN, GRAY_TAKEN, Camera, StereoRig
 
 COLOR, GRAY = ("2", "3"), ("0", "1")

@@ -15,10 +15,10 @@ import numpy as np
 from calibration.bounded_text import decode_text, load_xml
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import fitted_camera, metashape
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.rig import StereoRig
 
 Size = tuple[int, int]

@@ -10,10 +10,10 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat, RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.lens_models import fitted_camera, omni
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 

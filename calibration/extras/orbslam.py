@@ -6,8 +6,9 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section
-from calibration.formats.ros import make_camera, rig_from_projections
+from calibration.formats.ros import rig_from_projections
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, StereoRig
 

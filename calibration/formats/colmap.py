@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, SizeMissingError
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import field_of_view, fitted_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, CameraModel, StereoRig
 

@@ -11,6 +11,7 @@ import yaml
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.cameras import make_camera
 from calibration.formats.kalibr_results import stated_errors
 from calibration.formats.reading.lens_models import (
     Plane,
@@ -21,7 +22,6 @@ from calibration.formats.reading.lens_models import (
     omni,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.aliases import words_for
 from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 

@@ -4,6 +4,7 @@
 
 import numpy as np
 
+from calibration.formats.cameras import make_camera
 from calibration.formats.opencv import size_of
 from calibration.formats.reading.aliases import METERS
 from calibration.formats.reading.finder import find
@@ -11,7 +12,6 @@ from calibration.formats.reading.leaves import words
 from calibration.formats.reading.poses import has_pose
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
 from calibration.rig import StereoRig
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.geometry import rigid
 from calibration.rectification import upright_rotations
@@ -78,18 +79,6 @@ def check_sides_named(rig: StereoRig, names: list[str]) -> None:
             f"{names[1]!r} stands to the left of {names[0]!r}, but is given as the right camera: "
             "left and right are swapped"
         )
-
-
-def make_camera(
-    where: str,
-    K: NDArray[np.float64],
-    distortion: NDArray[np.float64],
-    size: tuple[int, int],
-    model: CameraModel,
-) -> Camera:
-    """A Camera whose complaints name the file."""
-    with naming(where):
-        return Camera(K, distortion, size, model)
 
 
 TURNED = np.diag([-1.0, -1.0, 1.0])

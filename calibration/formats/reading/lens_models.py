@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.ros import make_camera
+from calibration.formats.cameras import make_camera
 from calibration.rig import Camera, CameraModel
 
 Array = NDArray[np.float64]
