@@ -11,14 +11,13 @@ from calibration.boards.bundle import (
     Bundle,
     CornerObservation,
     Lens,
-    camera_matrix,
     rms,
     solve,
 )
 from calibration.boards.target_views import TargetView, observations_of
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.geometry import inverse_transform, rigid
+from calibration.geometry import camera_matrix, inverse_transform, rigid
 from calibration.rig import Camera, CameraModel
 
 FISHEYE_TRIAL_ITERATIONS = 10  # of each guess; the best one is then fitted to the end
@@ -94,7 +93,7 @@ def target_pose(camera: Camera, observation: CornerObservation) -> Array:
 
 def to_camera(model: CameraModel, intrinsics: Array, image_size: Size) -> Camera:
     """A Camera of bundle intrinsics."""
-    return Camera(camera_matrix(intrinsics), intrinsics[4:].copy(), image_size, model)
+    return Camera(camera_matrix(*intrinsics[:4]), intrinsics[4:].copy(), image_size, model)
 
 
 def _fit_fisheye(

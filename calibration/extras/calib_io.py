@@ -14,7 +14,7 @@ from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import inverse_transform, rigid
+from calibration.geometry import camera_matrix, inverse_transform, rigid
 from calibration.rig import Camera, CameraModel, StereoRig
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
@@ -87,7 +87,7 @@ def _camera(section: Section) -> Camera:
         raise CalibrationError(
             f"{data.where}: no imageSize: the file is incomplete or of another kind"
         )
-    K = np.array([[f, 0, cx], [0, f * aspect, cy], [0, 0, 1]])
+    K = camera_matrix(f, f * aspect, cx, cy)
     return make_camera(section.where, K, distortion, size, kind)
 
 

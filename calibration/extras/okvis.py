@@ -10,11 +10,11 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat, RigFormat
-from calibration.formats.cameras import make_camera
+from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.lens_models import fitted_camera, omni
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import inverse_transform
+from calibration.geometry import camera_matrix, inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 
 DISTORTION_TYPES: dict[str, CameraModel] = {
@@ -77,19 +77,11 @@ def _listed(document: Section) -> list[Section]:
 
 
 def _okvis_camera(section: Section) -> Camera:
-    (fx, fy), (cx, cy) = section.numbers("focal_length", 2), section.numbers("principal_point", 2)
-    name = section.text("distortion_type") if section.has("distortion_type") else "none"
-    if name not in DISTORTION_TYPES:
-        known = ", ".join(DISTORTION_TYPES)
-        raise CalibrationError(
-            f"{section.where}: distortion_type: {name!r} is not supported: calibrate with one of "
-            f"{known}"
-        )
+    K = camera_matrix(*section.numbers("focal_length", 2), *section.numbers("principal_point", 2))
+    name = known_lens(section, "distortion_type", DISTORTION_TYPES, "none")
     distortion = section.numbers("distortion_coefficients") if name != "none" else np.zeros(0)
     size = section.image_size("image_dimension")
-    return make_camera(
-        section.where, _matrix(fx, fy, cx, cy), distortion, size, DISTORTION_TYPES[name]
-    )
+    return make_camera(section.where, K, distortion, size, DISTORTION_TYPES[name])
 
 
 def _beside(document: Section, key: str) -> Section:
@@ -102,7 +94,7 @@ def _camodocal_camera(section: Section) -> Camera:
     size = section.image_size("image_width", "image_height")
     lens = section.section("projection_parameters")
     if model == KANNALA_BRANDT:
-        K = _matrix(*(lens.number(key) for key in ("mu", "mv", "u0", "v0")))
+        K = camera_matrix(*(lens.number(key) for key in ("mu", "mv", "u0", "v0")))
         return make_camera(
             section.where,
             K,
@@ -118,15 +110,11 @@ def _camodocal_camera(section: Section) -> Camera:
     shape = section.section("distortion_parameters")
     distortion = np.array([shape.number(key) for key in ("k1", "k2", "p1", "p2")])
     if model == PINHOLE:
-        K = _matrix(*(lens.number(key) for key in ("fx", "fy", "cx", "cy")))
+        K = camera_matrix(*(lens.number(key) for key in ("fx", "fy", "cx", "cy")))
         return make_camera(section.where, K, distortion, size, "pinhole")
-    K = _matrix(*(lens.number(key) for key in ("gamma1", "gamma2", "u0", "v0")))
+    K = camera_matrix(*(lens.number(key) for key in ("gamma1", "gamma2", "u0", "v0")))
     mirror = section.section("mirror_parameters")
     return fitted_camera(section.where, omni(mirror.number("xi"), distortion), K, size, model)
-
-
-def _matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
 FORMAT = RigFormat(matches, parse)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
-from calibration.formats.cameras import make_camera
+from calibration.formats.cameras import five_coefficients, make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
 from calibration.geometry import rigid
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Size = tuple[int, int]
 # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 SAME_ROTATION = 1e-6
+HOLDS = "MATLAB has only k1 k2 k3 p1 p2"
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
 _OF_LENS = (
@@ -106,7 +107,7 @@ def write(rig: StereoRig, path: Path) -> None:
             f"cc_{side}": [[cx], [cy]],
             f"alpha_c_{side}": skew / fx,
         }
-        content[f"kc_{side}"] = _five(camera, side)[:, None]
+        content[f"kc_{side}"] = five_coefficients(camera, side, HOLDS)[:, None]
     width, height = rig.left.image_size
     from scipy.io import savemat  # half a second, which reading need not wait for
 
@@ -256,7 +257,7 @@ def _rotation_by_views(cameras: list[Section]) -> Array | None:
 
 
 def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
-    k1, k2, p1, p2, k3 = _five(camera, side).tolist()
+    k1, k2, p1, p2, k3 = five_coefficients(camera, side, HOLDS).tolist()
     width, height = camera.image_size
     K = camera.K.copy()
     K[:2, 2] += 1
@@ -270,13 +271,3 @@ def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
         "NumRadialDistortionCoefficients": 3.0,
         "EstimateTangentialDistortion": True,
     }
-
-
-def _five(camera: Camera, side: str) -> Array:
-    """k1 k2 p1 p2 k3. Raises CalibrationError for a model that has more."""
-    if camera.model == "fisheye" or camera.distortion[5:].any():
-        raise CalibrationError(
-            f"{side}: MATLAB has only k1 k2 k3 p1 p2, but this {camera.model} camera has more: "
-            "write native"
-        )
-    return np.pad(camera.distortion[:5], (0, 5 - camera.distortion[:5].size))

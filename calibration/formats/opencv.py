@@ -18,7 +18,7 @@ from calibration.formats.reading.finder import Parts, Role, Side, describe_misco
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import inverse_transform
+from calibration.geometry import camera_matrix, inverse_transform, is_backward
 from calibration.rig import Camera, CameraModel, StereoRig
 
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
@@ -129,19 +129,14 @@ def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
     """The transform, and where its sense is open the other one, before it where the first would put
     the right camera to the left.
     """
-    backward = _is_backward(pose.T)
+    backward = is_backward(pose.T)
     if pose.other is not None:
         senses = [(INTO_CAMERA if pose.is_into else FROM_CAMERA, pose.T)]
         senses.append((FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other))
-        return senses[::-1] if backward and not _is_backward(pose.other) else senses
+        return senses[::-1] if backward and not is_backward(pose.other) else senses
     if pose.is_open and backward:
         return [(BACKWARD, inverse_transform(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]
-
-
-def _is_backward(T: np.ndarray) -> bool:
-    x, y, _ = -T[:3, :3].T @ T[:3, 3]
-    return bool(x < -abs(y))
 
 
 def write(rig: StereoRig, path: Path) -> None:
@@ -264,6 +259,5 @@ def _cameras(
 def _matrix(numbers: np.ndarray) -> np.ndarray:
     """K (3, 3) of nine numbers, of fx fy cx cy, or of a projection (3, 4)."""
     if numbers.size == 4:
-        fx, fy, cx, cy = numbers
-        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return camera_matrix(*numbers)
     return numbers.reshape(3, -1)[:, :3].copy()
