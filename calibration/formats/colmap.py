@@ -15,7 +15,7 @@ from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import field_of_view, fitted_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import inverse_transform, rigid
+from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import Camera, CameraModel, StereoRig
 
 Array = NDArray[np.float64]
@@ -140,16 +140,12 @@ def _of_config(
             raise CalibrationError(
                 f"{section.where}: no 'camera_params': also give cameras.txt, separated by a comma"
             )
-        has_pose = section.has("cam_from_rig_rotation", "cam_from_rig_translation")
-        pose = (
-            [
-                section.numbers("cam_from_rig_rotation", 4),
-                section.numbers("cam_from_rig_translation", 3),
-            ]
-            if has_pose
-            else []
-        )
-        poses.append(_pose(section.where, np.concatenate(pose)) if pose else np.eye(4))
+        pose = np.eye(4)
+        if section.has("cam_from_rig_rotation", "cam_from_rig_translation"):
+            turn = section.numbers("cam_from_rig_rotation", 4)
+            shift = section.numbers("cam_from_rig_translation", 3)
+            pose = _pose(section.where, np.concatenate([turn, shift]))
+        poses.append(pose)
     return lenses, poses
 
 
@@ -177,14 +173,9 @@ def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camer
 
 def _pose(where: str, numbers: Array) -> Array:
     """(4, 4) of qw qx qy qz tx ty tz."""
-    # a quarter of a second, which other formats need not wait for
-    from scipy.spatial.transform import (
-        Rotation,
-    )
-
     if not 0.9 < np.linalg.norm(np.clip(numbers[:4], -2, 2)) < 1.1:
         raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is not a rotation")
-    return rigid(Rotation.from_quat(numbers[[1, 2, 3, 0]]).as_matrix(), numbers[4:])
+    return rigid(rotation_of_quaternion(numbers[[1, 2, 3, 0]]), numbers[4:])
 
 
 def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:

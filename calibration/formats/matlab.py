@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.cameras import five_coefficients, make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.reading.units import to_meters
+from calibration.formats.reading.units import rig_in_meters
 from calibration.geometry import rigid
 from calibration.rig import Camera, StereoRig
 
@@ -65,13 +65,10 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     assert stereo is not None
     sections = [stereo.section("CameraParameters1"), stereo.section("CameraParameters2")]
     left, right = (_camera(section, image_size) for section in sections)
-    T, doubts = to_meters(_translation(stereo), _unit(sections[0]))
+    T, unit = _translation(stereo), _unit(sections[0])
     readings = _rotations(stereo, document, sections)
     with naming(stereo.where):
-        rigs = [
-            StereoRig(left, right, rigid(R, T), doubts=doubts, reading=reading)
-            for reading, R in readings
-        ]
+        rigs = [rig_in_meters(left, right, rigid(R, T), unit, reading) for reading, R in readings]
         return rigs[0].with_alternatives(rigs[1:])
 
 

@@ -41,14 +41,10 @@ SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
 
-def has_intrinsics(document: Section) -> bool:
-    """Tell whether the file holds both camera matrices."""
-    return find(document.content).pair("K") is not None
-
-
-def has_extrinsics(document: Section) -> bool:
-    """Tell whether the file says where the second camera stands."""
-    return has_pose(document, find(document.content))
+def is_rig(document: Section) -> bool:
+    """Tell whether the file holds both camera matrices, and says where the second camera stands."""
+    parts = find(document.content)
+    return parts.pair("K") is not None and has_pose(document, parts)
 
 
 def is_one_lens(document: Section) -> bool:
