@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.motions import (
-    Motions,
-)
+from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.robust_statistics import weighted_median_and_error
 
@@ -45,16 +43,13 @@ def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) 
     """A line for the scale of given positions, T (N, 4, 4), and one for their jumps, where the
     edges of the pictures show them.
     """
-    posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
-    if len(posed) < SETTINGS.min_edges:
+    motions = Motions.of(T_world_camera, edges)
+    if len(motions.edges) < SETTINGS.min_edges:
         return []
-    return [
-        *_scale(Motions.of(T_world_camera, posed), posed),
-        *_jumps(T_world_camera, posed, index),
-    ]
+    return [*_scale(motions), *_jumps(T_world_camera, motions, index)]
 
 
-def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
+def _scale(motions: Motions) -> list[str]:
     """Long steps count most. Noise of positions lengthens steps, noise of attitudes shortens what
     lies along the measured one: the scale is what both show.
     """
@@ -64,8 +59,9 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
         (given * measured).sum(axis=1) / squared,
         np.sqrt((given**2).sum(axis=1) / squared),
     )
-    frames = len({frame for e in edges for frame in (e.i, e.j)})
-    found = [weighted_median_and_error(ratios, squared, frames) for ratios in (along, length)]
+    found = [
+        weighted_median_and_error(ratios, squared, motions.frames) for ratios in (along, length)
+    ]
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
     if not one_way or abs(scale - 1) < max(SETTINGS.least_scale, SETTINGS.sigmas * std):
@@ -77,17 +73,13 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
     ]
 
 
-def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
+def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
     """Between frames that follow each other: how far given positions are off, by all edges over
     that place.
     """
-    motions = Motions.of(T, edges)
-    rank = index.rank[[[e.i, e.j] for e in edges]]
-    off_m = np.einsum(
-        "nij,nj->ni",
-        T[[e.i for e in edges], :3, :3],
-        motions.given[:, :3, 3] - motions.measured[:, :3, 3],
-    )
+    rank = index.rank[[[e.i, e.j] for e in motions.edges]]
+    given_m, measured_m = motions.shifts_in_world(T)
+    off_m = given_m - measured_m
     off_m *= np.sign(rank[:, 1] - rank[:, 0])[:, None]
     first, last = rank.min(axis=1), rank.max(axis=1)
     if (last - first > SETTINGS.most_frames).all():

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
-from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
+from stereo_seecolor.mapping.survey_frames import Frames
+from stereo_seecolor.mapping.track.features import Features, FeatureSettings
 from stereo_seecolor.mapping.track.loops import Pairs, by_overlap
 from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.mapping.track.track_work import Relating
+from stereo_seecolor.mapping.track.track_work import Relating, features_of
 
 QUICK = FeatureSettings(max_width_px=480, max_features=800)
 """A quarter of the track's pixels: a pose is exact to some millimeters, at a fifth of the cost."""
@@ -82,11 +82,7 @@ def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
     place = {rank: i for i, rank in enumerate(ranks)}
     relating = Relating(features, survey.geometry)
     relations = ((a, b, relating(((place[a], place[b]), None))) for a, b in pairs)
-    return [
-        Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a))
-        for a, b, r in relations
-        if r
-    ]
+    return [Edge.of(order, a, b, relation) for a, b, relation in relations if relation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +95,7 @@ class _QuickDetection:
     geometry: RectifiedPair
 
     def __call__(self, number: int) -> Features:
-        frame = self.frames[number]
-        return (
-            Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry, QUICK)
-        )
+        return features_of(self.frames[number], self.geometry, QUICK)
 
 
 def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> float:

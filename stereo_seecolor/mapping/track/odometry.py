@@ -101,7 +101,10 @@ class Track:
         for done, (ends, relation) in enumerate(zip(new, relations, strict=True), 1):
             self.found[ends] = relation
             self.survey.progress(what, done, len(new))
-        return [self._edge(*ends, relation, loop) for ends in new if (relation := self.found[ends])]
+        order = self.survey.index.order
+        return [
+            Edge.of(order, *ends, relation, loop) for ends in new if (relation := self.found[ends])
+        ]
 
     def measure_neighbors(self, steps: int, guess: Guess | None) -> None:
         """Add the edges of frames that lie so many steps apart; guess: as ``measure``."""
@@ -123,7 +126,7 @@ class Track:
         again = list(self.survey.compute.each(Refitting(self.features), known))
         self.found |= {ends: relation for (ends, _), relation in zip(known, again, strict=True)}
         self.edges = [
-            self._edge(*ends, relation, loop=False)
+            Edge.of(self.survey.index.order, *ends, relation)
             for (ends, _), relation in zip(known, again, strict=True)
         ]
 
@@ -147,17 +150,6 @@ class Track:
         relation = self.found[ends]
         assert relation is not None, "it was measured"
         return ends, relation
-
-    def _edge(self, a: int, b: int, relation: RelativePose, loop: bool) -> Edge:
-        order = self.survey.index.order
-        return Edge(
-            int(order[a]),
-            int(order[b]),
-            relation.T_a_b,
-            relation.covariance,
-            len(relation.index_a),
-            loop,
-        )
 
 
 def follow(survey: Survey) -> Track:

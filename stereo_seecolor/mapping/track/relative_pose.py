@@ -60,6 +60,16 @@ class Edge:
     inliers: int
     loop: bool = False
 
+    @classmethod
+    def of(
+        cls, order: NDArray[np.int64], a: int, b: int, relation: "RelativePose", loop: bool = False
+    ) -> "Edge":
+        """The edge of a relation between the frames at two positions on the track; order: the frame
+        at each.
+        """
+        T, covariance = relation.T_a_b, relation.covariance
+        return cls(int(order[a]), int(order[b]), T, covariance, len(relation.index_a), loop)
+
     def scaled(self, scale: float) -> "Edge":
         """Scale all lengths by a factor."""
         return replace(
@@ -206,7 +216,7 @@ def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
     behind the camera.
     """
     scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
-    return np.where(scaled_depth * b.points[:, 2] > 0, _weighed(move(T, b.points), a, b)[2], np.inf)
+    return np.where(scaled_depth * b.points[:, 2] > 0, weighed(move(T, b.points), a, b)[2], np.inf)
 
 
 def residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
@@ -214,14 +224,14 @@ def residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
     a step of the pose: each point weighted by both its errors, under a Cauchy kernel.
     """
     moved = move(T, b.points)
-    weight, pull, squared = _weighed(moved, a, b)
+    weight, pull, squared = weighed(moved, a, b)
     robust = 1 / (1 + squared / SETTINGS.outlier_sigmas**2)
     weighted = ((robust[:, None, None] * weight) @ moved.by_pose).reshape(-1, 6)
     rows = moved.by_pose.reshape(-1, 6)
     return squared, rows.T @ weighted, rows.T @ (robust[:, None] * pull).ravel()
 
 
-def _weighed(moved: Moved, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
+def weighed(moved: Moved, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
     """(n, 3, 3) the inverse covariance of the difference between points of a and the moved ones of
     b; (n, 3) that times the difference; (n,) its square in standard errors.
     """

@@ -9,7 +9,12 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.mapping.track.feature_store import FeatureStore
-from stereo_seecolor.mapping.track.features import Features, detect
+from stereo_seecolor.mapping.track.features import (
+    FEATURE_SETTINGS,
+    Features,
+    FeatureSettings,
+    detect,
+)
 from stereo_seecolor.mapping.track.image_errors import FramePair, ImageErrors
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.relative_pose import (
@@ -18,6 +23,7 @@ from stereo_seecolor.mapping.track.relative_pose import (
     fit_pose,
     relative_pose,
 )
+from stereo_seecolor.records import SurveyFrame
 
 Ends = tuple[int, int]
 """Two positions on the track."""
@@ -39,13 +45,19 @@ class Detection:
     def __call__(self, position: int) -> str:
         """Raises OutputError."""
         frame = self.frames[self.order[position]]
-        lost = isinstance(frame, Unplaced)
+        lost = frame.reason if isinstance(frame, Unplaced) else ""
         if lost or not self.store.has(position):
-            self.store.save(
-                position,
-                Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry),
-            )
-        return frame.reason if isinstance(frame, Unplaced) else ""
+            self.store.save(position, features_of(frame, self.geometry))
+        return lost
+
+
+def features_of(
+    frame: SurveyFrame | Unplaced,
+    geometry: RectifiedPair,
+    settings: FeatureSettings = FEATURE_SETTINGS,
+) -> Features:
+    """As ``detect``; of a frame that is lost, none."""
+    return Features.none() if isinstance(frame, Unplaced) else detect(frame, geometry, settings)
 
 
 @dataclass(frozen=True, eq=False)
