@@ -57,12 +57,8 @@ class RectifiedPair:
             The geometry.
         """
         width, height = self.image_size
-        focal_px, cx, cy, shift_px = (
-            self.focal_px,
-            self.cx_left_px,
-            self.cy_px,
-            self.cx_left_px - self.cx_right_px,
-        )
+        focal_px, cx, cy = self.focal_px, self.cx_left_px, self.cy_px
+        shift_px = self.cx_left_px - self.cx_right_px
         for _ in range(turns % 4):
             cx, cy, width, height = cy, width - 1 - cx, height, width
         cx_right_px = cx - shift_px if turns % 4 else self.cx_right_px

@@ -329,10 +329,8 @@ class Rectification:
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)
 
     def _remap(self, image: Image, maps: RemapTables | None, side: str) -> Image:
-        size, calibrated = (
-            (image.shape[1], image.shape[0]),
-            self.raw_size if side == "left" else self.raw_size_right,
-        )
+        size = (image.shape[1], image.shape[0])
+        calibrated = self.raw_size if side == "left" else self.raw_size_right
         if size != calibrated:
             raise CalibrationError(wrong_size(side, size, calibrated))
         if maps is None:

@@ -116,10 +116,8 @@ def _camera(section: Section) -> Camera:
     center = (np.array(size) - 1) / 2 + [number("cx"), number("cy")]
     f = section.number("f")
     K = np.array([[f + number("b1"), number("b2"), center[0]], [0, f, center[1]], [0, 0, 1]])
-    radial, tangential = (
-        np.array([number(f"k{n}") for n in (1, 2, 3, 4)]),
-        np.array([number("p1"), number("p2")]),
-    )
+    radial = np.array([number(f"k{n}") for n in (1, 2, 3, 4)])
+    tangential = np.array([number("p1"), number("p2")])
     fisheye = section.text("lens") == "fisheye"
     if fisheye and not tangential.any():
         return make_camera(section.where, K, radial, size, "fisheye")

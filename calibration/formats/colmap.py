@@ -190,11 +190,9 @@ def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:
             f"{where}: {name} takes {focal_count + 2 + len(coefficients)} parameters, got "
             f"{numbers.size}"
         )
-    focal, (cx, cy), rest = (
-        numbers[:focal_count],
-        numbers[focal_count : focal_count + 2],
-        numbers[focal_count + 2 :],
-    )
+    focal = numbers[:focal_count]
+    cx, cy = numbers[focal_count : focal_count + 2]
+    rest = numbers[focal_count + 2 :]
     K = np.array([[focal[0], 0, cx - 0.5], [0, focal[-1], cy - 0.5], [0, 0, 1]])
     if name == "FOV":
         return fitted_camera(where, field_of_view(float(rest[0])), K, size, name)

@@ -178,10 +178,8 @@ def _camera(section: Section, image_size: Size | None) -> Camera:
             "not supported; calibrate with the standard model"
         )
     K[:2, 2] -= 1  # MATLAB's first pixel is 1
-    radial, tangential = (
-        section.numbers("RadialDistortion", 2, 3),
-        section.numbers("TangentialDistortion", 2),
-    )
+    radial = section.numbers("RadialDistortion", 2, 3)
+    tangential = section.numbers("TangentialDistortion", 2)
     distortion = np.concatenate([radial[:2], tangential, np.pad(radial[2:], (0, 3 - radial.size))])
     return make_camera(section.where, K, distortion, _size(section, image_size), "pinhole")
 

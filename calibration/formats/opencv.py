@@ -23,14 +23,10 @@ from calibration.rig import Camera, CameraModel, StereoRig
 
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
-FORWARD, BACKWARD = (
-    "the transform maps left to right axes",
-    "the transform maps right to left axes",
-)
-FROM_CAMERA, INTO_CAMERA = (
-    "the poses of the two cameras map from their axes",
-    "the poses of the two cameras map into their axes",
-)
+FORWARD = "the transform maps left to right axes"
+BACKWARD = "the transform maps right to left axes"
+FROM_CAMERA = "the poses of the two cameras map from their axes"
+INTO_CAMERA = "the poses of the two cameras map into their axes"
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
@@ -235,10 +231,8 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
 def _cameras(
     document: Section, parts: Parts, model: CameraModel, image_size: Size | None
 ) -> tuple[Camera, Camera]:
-    lenses, distortions = (
-        parts.pair("K") or parts.pair("P"),
-        parts.pair("D") if parts.pair("K") else None,
-    )
+    lenses = parts.pair("K") or parts.pair("P")
+    distortions = parts.pair("D") if parts.pair("K") else None
     assert lenses  # parse has looked
     cameras = []
     sides: tuple[Side, Side] = ("left", "right")

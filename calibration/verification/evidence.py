@@ -71,10 +71,8 @@ class RigEvidence:
             couples = [seen_twice(points, reading, couple) for couple in points.couples]
             moved, moved_cov, rest_px = _motion_evidence(couples, geometry)
             none = np.zeros((len(values), len(moved)))
-            values, cov = (
-                np.concatenate([values, moved]),
-                np.block([[cov, none], [none.T, moved_cov]]),
-            )
+            values = np.concatenate([values, moved])
+            cov = np.block([[cov, none], [none.T, moved_cov]])
         step = -(-len(left) // SHOWN)
         return cls(causes, amounts, values, cov, rest_px, reading, left[::step], right[::step])
 

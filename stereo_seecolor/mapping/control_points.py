@@ -76,10 +76,8 @@ def control_fit(
             f"control points: {len(found)} of {len(points)} markers were found in two frames; "
             f"needed: {FEWEST}"
         )
-    here, there = (
-        np.array([marker.place_m for marker in found]),
-        np.array([points[marker.number] for marker in found]),
-    )
+    here = np.array([marker.place_m for marker in found])
+    there = np.array([points[marker.number] for marker in found])
     if (
         np.linalg.svd(there - there.mean(axis=0), compute_uv=False)[1]
         < 1e-3 * np.ptp(there, axis=0).max()

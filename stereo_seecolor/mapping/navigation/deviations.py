@@ -55,10 +55,8 @@ def _scale(motions: Motions) -> list[str]:
     """
     given, measured = motions.given[:, :3, 3], motions.measured[:, :3, 3]
     squared = (measured**2).sum(axis=1)
-    along, length = (
-        (given * measured).sum(axis=1) / squared,
-        np.sqrt((given**2).sum(axis=1) / squared),
-    )
+    along = (given * measured).sum(axis=1) / squared
+    length = np.sqrt((given**2).sum(axis=1) / squared)
     found = [
         weighted_median_and_error(ratios, squared, motions.frames) for ratios in (along, length)
     ]
@@ -88,10 +86,8 @@ def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
         np.flatnonzero((last - first > step) & (last - first <= SETTINGS.most_frames))
         for step in range(SETTINGS.most_frames)
     ]
-    edge, place = (
-        np.concatenate(steps),
-        np.concatenate([first[over] + step for step, over in enumerate(steps)]),
-    )
+    edge = np.concatenate(steps)
+    place = np.concatenate([first[over] + step for step, over in enumerate(steps)])
     by_place = np.argsort(place, kind="stable")
     places, starts = np.unique(place[by_place], return_index=True)
     # at 1 + the rank of the frame before, between neighbors that are never off

@@ -68,12 +68,10 @@ def at_fixes(
     """
     read = assign(index, trajectory, config).T_world_camera
     fixes = read[:, :3, 3]
-    T, components, unplaced, warnings = (
-        own.T_world_camera.copy(),
-        own.components.copy(),
-        [*own.unplaced],
-        [],
-    )
+    T = own.T_world_camera.copy()
+    components = own.components.copy()
+    unplaced = [*own.unplaced]
+    warnings = []
     for component in range(len(own.sizes)):
         frames = own.frames_of(component)
         fixed = frames[np.isfinite(fixes[frames]).all(axis=1)]

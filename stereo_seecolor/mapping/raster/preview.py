@@ -29,10 +29,8 @@ def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint
         return np.full((64, 64, 3), BACKGROUND, np.uint8)
     pixel_m = float((high - low).max()) / LONGER_SIDE_PX
     shape = tuple(int(n) + 3 for n in ((high - low) / pixel_m)[::-1])
-    depth, image = (
-        np.full(shape, np.nan, np.float32),
-        np.full((*shape, 3), float(BACKGROUND), np.float32),
-    )
+    depth = np.full(shape, np.nan, np.float32)
+    image = np.full((*shape, 3), float(BACKGROUND), np.float32)
     for surface in surfaces():
         seen = surface.points_m.astype(np.float64) @ R.T
         points = np.stack(

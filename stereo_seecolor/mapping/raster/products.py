@@ -106,10 +106,8 @@ def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[n
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for surface in surfaces:
         if len(surface.points_m):
-            low, high = (
-                np.minimum(low, surface.points_m.min(axis=0)),
-                np.maximum(high, surface.points_m.max(axis=0)),
-            )
+            low = np.minimum(low, surface.points_m.min(axis=0))
+            high = np.maximum(high, surface.points_m.max(axis=0))
     return low, high
 
 
@@ -155,11 +153,8 @@ def _write_csv(path: Path, squares: BlockRaster, place: Georeference) -> Path:
         writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
         writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site)])
         for row, column, values in seen:
-            x, y = (
-                grid.west_m + (column + 0.5) * grid.cell_m,
-                grid.north_m - (row + 0.5) * grid.cell_m,
-            )
-            x, y = x + place.offset_m[0], y + place.offset_m[1]
+            x = grid.west_m + (column + 0.5) * grid.cell_m + place.offset_m[0]
+            y = grid.north_m - (row + 0.5) * grid.cell_m + place.offset_m[1]
             writer.writerow(
                 [f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)]
             )

@@ -69,10 +69,8 @@ def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> 
         return np.asarray(T[edge.i] @ edge.T_i_j @ inverse(T[edge.j]))
 
     def agree(a: Edge, b: Edge) -> bool:
-        first, second = (
-            joint(a),
-            joint(b) if components[a.i] == components[b.i] else inverse(joint(b)),
-        )
+        first = joint(a)
+        second = joint(b) if components[a.i] == components[b.i] else inverse(joint(b))
         at_a, at_b = first @ T[a.j], second @ T[a.j]
         turn = np.linalg.norm(rotation_vector(first[:3, :3].T @ second[:3, :3]))
         return float(np.linalg.norm(at_a[:3, 3] - at_b[:3, 3])) < JOIN_M and float(turn) < JOIN_RAD

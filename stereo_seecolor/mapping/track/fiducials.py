@@ -79,11 +79,9 @@ class Marks:
         """
         bars, known = read_known(config)
         places = {number: (point, known.stds_m[number]) for number, point in known.points.items()}
-        look, observations, count = (
-            _Look(survey.frames, survey.geometry, config.family),
-            {},
-            len(survey.frames),
-        )
+        look = _Look(survey.frames, survey.geometry, config.family)
+        observations = {}
+        count = len(survey.frames)
         for number, own in enumerate(survey.compute.each(look, range(count))):
             observations[number] = own
             survey.progress("looking for markers", number + 1, count)
@@ -228,10 +226,8 @@ def _spread_check(
     own = [marker for marker in markers if marker.number in places]
     if len(own) < FEWEST:
         return None
-    here, there = (
-        np.array([marker.place_m for marker in own]),
-        np.array([places[marker.number][0] for marker in own]),
-    )
+    here = np.array([marker.place_m for marker in own])
+    there = np.array([places[marker.number][0] for marker in own])
     reach = [
         float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum())) for points in (here, there)
     ]

@@ -210,10 +210,8 @@ def solve(
     )
     placement = Placement(guess.T, guess.components, unplaced, tuple(warnings))
     if len(placement.sizes) > 1:
-        sizes, placed = (
-            ", ".join(str(n) for n in placement.sizes),
-            index.order[guess.components[index.order] >= 0].tolist(),
-        )
+        sizes = ", ".join(str(n) for n in placement.sizes)
+        placed = index.order[guess.components[index.order] >= 0].tolist()
         i, j = next(
             (i, j) for i, j in pairwise(placed) if guess.components[i] != guess.components[j]
         )

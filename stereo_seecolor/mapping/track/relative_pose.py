@@ -175,10 +175,8 @@ def _fitted(
     if start is None:
         return None
     T, first = start
-    seen_a, seen_b = (
-        Observed(a.points[index_a], a.std[index_a]),
-        Observed(b.points[index_b], b.std[index_b]),
-    )
+    seen_a = Observed(a.points[index_a], a.std[index_a])
+    seen_b = Observed(b.points[index_b], b.std[index_b])
     try:
         T = fit_pose(T, seen_a.chosen(first), seen_b.chosen(first))[0]
         near = np.flatnonzero(squared_sigmas(T, seen_a, seen_b) < SETTINGS.near_sigmas**2)
@@ -253,10 +251,8 @@ def _ransac(
     """T_a_b and which of the matches agree with it; None for too few."""
     if len(index_a) < SETTINGS.min_inliers:
         return None
-    pixels, K = (
-        b.points[index_b, :2] * geometry.focal_px,
-        np.diag([geometry.focal_px, geometry.focal_px, 1.0]),
-    )
+    pixels = b.points[index_b, :2] * geometry.focal_px
+    K = np.diag([geometry.focal_px, geometry.focal_px, 1.0])
     found, turn, shift, inliers = cv2.solvePnPRansac(
         a.points_m[index_a], pixels, K, None, iterationsCount=SETTINGS.ransac_rounds,
         reprojectionError=SETTINGS.reprojection_px, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,

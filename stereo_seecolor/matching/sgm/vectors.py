@@ -21,11 +21,9 @@ from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, P1_SHIFT, PIXEL
 _vector_code: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
 _BYTE, _SHORT, _WORD, _PIECE_BITS = (ir.IntType(bits) for bits in (8, 16, 32, 128))
-_PIECE, _BLOCK, _PER_PIXEL = (
-    ir.VectorType(_BYTE, LANES),
-    ir.VectorType(_BYTE, BLOCK),
-    ir.VectorType(_BYTE, PIXELS),
-)
+_PIECE = ir.VectorType(_BYTE, LANES)
+_BLOCK = ir.VectorType(_BYTE, BLOCK)
+_PER_PIXEL = ir.VectorType(_BYTE, PIXELS)
 _SHORTS, _WORDS = ir.VectorType(_SHORT, LANES), ir.VectorType(_WORD, LANES)
 _TILE_SHORTS = ir.VectorType(_SHORT, TILE)
 _WINDOW, _WIDE_WINDOW = ir.VectorType(_SHORT, WINDOW), ir.VectorType(_WORD, WINDOW)
@@ -142,10 +140,8 @@ def steps(
         same = [paths.load(half, _BLOCK) for half in halves]
         for _ in range(TILE):
             for half in range(len(halves)):
-                row, p2_row = (
-                    _nth(builder, c, stride, half * PIXELS),
-                    _nth(builder, j, p2_stride, half * PIXELS),
-                )
+                row = _nth(builder, c, stride, half * PIXELS)
+                p2_row = _nth(builder, j, p2_stride, half * PIXELS)
                 here, penalties = _gather(cost, row, stride), _penalties(p2, p2_row, p2_stride)
                 same[half] = _step(
                     builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties
