@@ -7,11 +7,7 @@ import numpy as np
 
 from calibration.geometry import inverse_transform, is_backward
 from calibration.port import FLAT_PORT
-from calibration.rectification import (
-    DIAGONAL_DEG,
-    plan_rectification,
-    rectified_points,
-)
+from calibration.rectification import DIAGONAL_DEG, plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
 
 

@@ -6,14 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from calibration.boards.bundle import (
-    Array,
-    Bundle,
-    CornerObservation,
-    Lens,
-    rms,
-    solve,
-)
+from calibration.boards.bundle import Array, Bundle, CornerObservation, Lens, rms, solve
 from calibration.boards.target_views import TargetView, observations_of
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError

@@ -86,11 +86,7 @@ def _camera(document: Section, name: str, size: Size) -> Camera:
         [document.number(f"{name}.{key}") if document.has(f"{name}.{key}") else 0.0 for key in keys]
     )
     return make_camera(
-        f"{document.where}: {name}",
-        K,
-        distortion,
-        size,
-        "fisheye" if fisheye else "pinhole",
+        f"{document.where}: {name}", K, distortion, size, "fisheye" if fisheye else "pinhole"
     )
 
 

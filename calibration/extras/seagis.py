@@ -197,9 +197,7 @@ def _fitted(section: Section, K: Array, size: tuple[int, int]) -> Array:
 def _pose(section: Section, to_camera: bool) -> Array:
     """(4, 4) from the rig's axes (mm) to the camera's, x right and y down."""
     # a quarter of a second, which other formats need not wait for
-    from scipy.spatial.transform import (
-        Rotation,
-    )
+    from scipy.spatial.transform import Rotation
 
     R = Rotation.from_euler(
         "xyz", [-section.number(name) for name in ("omega", "phi", "kappa")], degrees=True

@@ -15,13 +15,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.rig import StereoRig
-from calibration.verification.dive_points import (
-    Array,
-    DivePoints,
-    Reading,
-    reading_of,
-    seen_twice,
-)
+from calibration.verification.dive_points import Array, DivePoints, Reading, reading_of, seen_twice
 from calibration.verification.evidence import RigEvidence, most_of, slopes_of
 from calibration.verification.explanations import (
     DEVIATIONS,

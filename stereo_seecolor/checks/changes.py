@@ -25,13 +25,7 @@ from stereo_seecolor.checks.change_texts import (
     step_line,
 )
 from stereo_seecolor.checks.neighbors import constant_shift
-from stereo_seecolor.checks.sample import (
-    edge,
-    evenly_spaced,
-    matching_threads,
-    read_both,
-    readable,
-)
+from stereo_seecolor.checks.sample import edge, evenly_spaced, matching_threads, read_both, readable
 from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError

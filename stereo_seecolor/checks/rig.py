@@ -127,11 +127,7 @@ class JudgedRig:
     too_few: str = ""
 
     def with_motion(
-        self,
-        rig: StereoRig,
-        matches: Sequence[Matches],
-        pairs: Sequence[Pair],
-        images: InputConfig,
+        self, rig: StereoRig, matches: Sequence[Matches], pairs: Sequence[Pair], images: InputConfig
     ) -> "JudgedRig":
         """With the motion between neighboring pairs, and what explains it and the rows."""
         if self.rows is None or self.refusal or self.rows.change or self.rows.swapped:

@@ -97,8 +97,7 @@ def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
         for own in np.split(edge[by_place], starts[1:])
     ]
     limit_m = max(
-        SETTINGS.least_jump_m,
-        SETTINGS.times_median * float(np.median(jump_m[1 + places])),
+        SETTINGS.least_jump_m, SETTINGS.times_median * float(np.median(jump_m[1 + places]))
     )
     peak = (jump_m[1:-1] > limit_m) & (jump_m[1:-1] >= jump_m[:-2]) & (jump_m[1:-1] > jump_m[2:])
     if not peak.any():

@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import (
-    pose,
-    rotation_from_vector,
-)
+from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign, clock_difference
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks

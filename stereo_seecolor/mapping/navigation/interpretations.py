@@ -70,11 +70,7 @@ def named(readings: Sequence[PoseReading]) -> str:
 
 
 def interpretations(
-    T: Array,
-    seen: SeenMotion,
-    index: FrameIndex,
-    trajectory: Trajectory,
-    config: MappingConfig,
+    T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
 ) -> Iterator[tuple[str, Array]]:
     """List all other readings of the poses. T: (N, 4, 4) as read. seen: as the pictures show
     them.

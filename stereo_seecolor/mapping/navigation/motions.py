@@ -112,10 +112,7 @@ def misfits(T_world_camera: Array, edges: Sequence[Edge]) -> Array:
     TURN_AS_STEP_RAD.
     """
     motions = Motions.of(T_world_camera, edges)
-    return np.hypot(
-        motions.position_m / motions.step_m,
-        motions.attitude_rad / TURN_AS_STEP_RAD,
-    )
+    return np.hypot(motions.position_m / motions.step_m, motions.attitude_rad / TURN_AS_STEP_RAD)
 
 
 def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.mapping.raster.reef_metrics import (
-    surface_rugosity,
-)
+from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity
 
 Heights = NDArray[np.float64]
 

@@ -131,9 +131,7 @@ class SitePart:
 
         def of_square(window: Window) -> float:
             heights, own_m = heights_m[window].ravel(), std_m[window].ravel()
-            return float(
-                own_m[np.nanargmax(heights)] ** 2 + own_m[np.nanargmin(heights)] ** 2,
-            )
+            return float(own_m[np.nanargmax(heights)] ** 2 + own_m[np.nanargmin(heights)] ** 2)
 
         every = self.squares.values()
         return np.array([sum(of_square(window) for window in windows) for windows in every])

@@ -28,9 +28,7 @@ def chain(edges: Sequence[Edge], rank: NDArray[np.int64]) -> tuple[Array, NDArra
     Each component starts at the identity, in its first frame by ``rank`` (N,).
     """
     # a fifth of a second, which ``run`` need not wait for: it chains nothing
-    from scipy.sparse import (
-        csr_array,
-    )
+    from scipy.sparse import csr_array
     from scipy.sparse.csgraph import (
         breadth_first_order,
         connected_components,
