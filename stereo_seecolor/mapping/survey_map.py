@@ -28,8 +28,8 @@ from stereo_seecolor.mapping.navigation.comparison import Navigation
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference
-from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
+from stereo_seecolor.mapping.sizes import with_mosaic_cell, with_voxel
 from stereo_seecolor.mapping.surface import small_parts
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
@@ -42,7 +42,6 @@ from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_frames import Frames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.track.fiducials import read_known
 from stereo_seecolor.mapping.track.marker_fit import MarkersFit
-from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = (
