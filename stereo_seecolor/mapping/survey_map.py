@@ -36,7 +36,7 @@ from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.parts import write_map
 from stereo_seecolor.mapping.surface.tile_store import TileStore
-from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
+from stereo_seecolor.mapping.surface.tile_work import PlacedTile, fuse
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_frames import Frames, ReadableFrames, Unplaced
@@ -277,12 +277,10 @@ def _fuse_tiles(
 ) -> None:
     """Fuse all tiles that are not finished."""
     survey, left = component.survey, [tile for tile in tiling.tiles if not store.has(tile)]
-    fusion = TileFusion(
-        store, replace(tiling, tiles=()), survey.frames, survey.geometry, config.engine
-    )
+    empty = replace(tiling, tiles=())
+    work = partial(fuse, store, empty, survey.frames, survey.geometry, config.engine)
     placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
-    for done, gone in enumerate(
-        survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1
-    ):
+    finished = len(tiling.tiles) - len(left)
+    for done, gone in enumerate(survey.compute.tiles(work, placed), finished + 1):
         lost.update(gone)
         survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
