@@ -140,10 +140,7 @@ def values_of(content: Any, max_depth: int) -> Iterator[Any]:
         if seen > MAX_VALUES or depth > max_depth:
             raise _too_much(max_depth)
         yield value
-        if isinstance(value, dict):
-            pending.extend((child, depth + 1) for child in value.values())
-        elif isinstance(value, list):
-            pending.extend((child, depth + 1) for child in value)
+        pending.extend((child, depth + 1) for child in _children(value))
 
 
 def _check_depth(content: Any) -> None:

@@ -105,17 +105,14 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
     where a lens does not reach.
     """
     plan = plan_rectification(rig)
-    pair, rectified = plan.matching_pair, []
+    pair = plan.matching_pair
     left_camera, right_camera, _ = cameras_in_water(rig)
-    for camera, R, pixels in (
-        (left_camera, plan.R_left_matching, left),
-        (right_camera, plan.R_right_matching, right),
-    ):
-        slopes = rectified_slopes(camera, R, pixels)
-        rectified.append(slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px])
+    left_slopes = rectified_slopes(left_camera, plan.R_left_matching, left)
+    right_slopes = rectified_slopes(right_camera, plan.R_right_matching, right)
+    rectified = right_slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px]
     if rig.is_rectified:
-        rectified[1][:, 0] += pair.cx_right_px - pair.cx_left_px
-    return rectified[0], rectified[1]
+        rectified[:, 0] += pair.cx_right_px - pair.cx_left_px
+    return left_slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px], rectified
 
 
 def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:

@@ -32,7 +32,7 @@ Size = tuple[int, int]
 
 def matches(document: Section) -> bool:
     """True for either configuration."""
-    return bool(_listed(document)) or document.has(*LENS_FILES)
+    return bool(document.listed("cameras", *POSES)) or document.has(*LENS_FILES)
 
 
 def is_lens(document: Section) -> bool:
@@ -52,7 +52,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     """The rig of the two cameras. image_size is not needed. Raises CalibrationError, naming the
     key.
     """
-    if cameras := _listed(document):
+    if cameras := document.listed("cameras", *POSES):
         if len(cameras) != 2:
             raise CalibrationError(
                 f"{document.where}: cameras: holds {len(cameras)}: keep the two of the stereo pair"
@@ -64,16 +64,6 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         poses = [document.matrix(key, 4, 4) for key in ("body_T_cam0", "body_T_cam1")]
     with naming(document.where):
         return StereoRig(lenses[0], lenses[1], inverse_transform(poses[1]) @ poses[0])
-
-
-def _listed(document: Section) -> list[Section]:
-    """OKVIS's cameras; none where the file has none."""
-    cameras = document.content.get("cameras")
-    if not isinstance(cameras, list) or not all(
-        isinstance(one, dict) and any(key in one for key in POSES) for one in cameras
-    ):
-        return []
-    return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
 
 
 def _okvis_camera(section: Section) -> Camera:

@@ -4,7 +4,6 @@ from rig, quaternions w first.
 Its pixels begin at the corner: the center of the first one is (0.5, 0.5) (COLMAP, *Camera Models*).
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,8 @@ here.
 
 def matches(document: Section) -> bool:
     """True for a rig, and for cameras without one, which parse refuses."""
-    return bool(_configured(document)) or document.has(CAMERAS) or document.has(RIGS)
+    of_model = document.has(CAMERAS) or document.has(RIGS)
+    return of_model or bool(document.listed("cameras", "image_prefix"))
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
@@ -56,7 +56,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         cameras = _cameras(document)
         if document.has(RIGS):
             lenses, poses = _of_model(document, cameras)
-        elif configured := _configured(document):
+        elif configured := document.listed("cameras", "image_prefix"):
             lenses, poses = _of_config(document, configured, cameras, image_size)
         else:
             lenses, poses = [], []
@@ -84,16 +84,6 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             raise CalibrationError(
                 f"{MODEL_SCALE}: {error}" if document.has(RIGS) else str(error)
             ) from error
-
-
-def _configured(document: Section) -> list[Section]:
-    """The cameras of rig_config.json; none where the file is another."""
-    cameras = document.content.get("cameras")
-    if not isinstance(cameras, list) or not all(
-        isinstance(one, Mapping) and "image_prefix" in one for one in cameras
-    ):
-        return []
-    return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
 
 
 def _cameras(document: Section) -> dict[int, Camera]:
