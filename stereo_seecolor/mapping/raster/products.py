@@ -18,7 +18,7 @@ from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.gaps import render_gaps
 from stereo_seecolor.mapping.raster.georeference import Georeference
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.grid import Grid, bounds
 from stereo_seecolor.mapping.raster.mosaic import render_mosaic
 from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import ReefMetrics, measure_squares, site_of
@@ -48,7 +48,7 @@ class Rasters:
         cls, component: Component, surfaces: Surfaces, config: MappingConfig, scratch: Path
     ) -> "Rasters | None":
         """Render all rasters of a component; None where there is no surface."""
-        low, high = _extent(surfaces())
+        low, high = bounds(surface.points_m for surface in surfaces())
         if not np.isfinite(low).all():
             return None
         terrain = render_terrain(
@@ -100,15 +100,6 @@ def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterat
                 partial(georeference.write_laz, folder / "cloud.laz", folder / "cloud.ply", place)
             )
     return Threads(cores()).each(lambda work: work(), works)
-
-
-def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for surface in surfaces:
-        if len(surface.points_m):
-            low = np.minimum(low, surface.points_m.min(axis=0))
-            high = np.maximum(high, surface.points_m.max(axis=0))
-    return low, high
 
 
 def _reduced(mosaic: BlockRaster) -> NDArray[np.uint8]:
