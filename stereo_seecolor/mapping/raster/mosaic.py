@@ -337,12 +337,8 @@ def _compared(
     boxes = np.column_stack([boxes, ends - sizes.prod(axis=1)])
     mean = np.zeros((*shape, 3), np.float32)
     cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
-    in_parts(
-        lambda first, last: agree(
-            boxes, color, cost, weight, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last
-        ),
-        len(mean),
-    )
+    outlier = MOSAIC_SETTINGS.outlier
+    in_parts(partial(agree, boxes, color, cost, weight, cost_a_level, outlier, mean), len(mean))
     views = [
         SeenCells(part, own_color.reshape(*size, 3), own_cost.reshape(size))
         for part, size, own_color, own_cost in zip(
