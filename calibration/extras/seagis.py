@@ -32,23 +32,9 @@ from calibration.rig import Camera, StereoRig
 Array = NDArray[np.float64]
 MARK = "SeaGIS .cam"
 NUMBERS = (
-    "xp",
-    "yp",
-    "c",
-    "k3",
-    "k5",
-    "k7",
-    "p1",
-    "p2",
-    "orthogonality",
-    "affinity",
-    "X",
-    "Y",
-    "Z",
-    "omega",
-    "phi",
-    "kappa",
-)
+    "xp", "yp", "c", "k3", "k5", "k7", "p1", "p2", "orthogonality", "affinity", "X", "Y", "Z",
+    "omega", "phi", "kappa",
+)  # fmt: skip
 MAX_TEXT = 4096  # bytes of one text field: names and remarks are shorter
 # a pixel over an image of 1000; more would have to be modeled, and its sign is not documented
 MAX_AFFINITY = 1e-3

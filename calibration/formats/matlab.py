@@ -31,14 +31,9 @@ HOLDS = "MATLAB has only k1 k2 k3 p1 p2"
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
 _OF_LENS = (
-    "IntrinsicMatrix",
-    "K",
-    "FocalLength",
-    "PrincipalPoint",
-    "Skew",
-    "RadialDistortion",
+    "IntrinsicMatrix", "K", "FocalLength", "PrincipalPoint", "Skew", "RadialDistortion",
     "TangentialDistortion",
-)
+)  # fmt: skip
 _OF_CAMERA = {
     name.lower(): name for name in (*_OF_LENS, "ImageSize", "WorldUnits", "RotationVectors")
 }
