@@ -7,7 +7,7 @@ Every reader of both packages uses these functions, whoever wrote the file.
 import json
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 from xml.etree import ElementTree
 
@@ -104,7 +104,8 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
         if depth > max_depth or count > MAX_VALUES:
             raise _too_much(max_depth)
     content = yaml.load(text, Loader=loader)
-    _check_values(content, max_depth)
+    for _ in values_of(content, max_depth):
+        pass
     return content
 
 
@@ -128,9 +129,9 @@ def load_toml(text: str) -> dict[str, Any]:
     return tomllib.loads(text)
 
 
-def _check_values(content: Any, max_depth: int) -> None:
-    """Walk as a reader would, following aliases, which make gigabytes of a few lines, and stop at
-    the bound.
+def values_of(content: Any, max_depth: int) -> Iterator[Any]:
+    """All values, as a reader walks them: following aliases, which make gigabytes of a few lines.
+    Raises TooMuchError at the bound.
     """
     pending, seen = [(content, 0)], 0
     while pending:
@@ -138,10 +139,8 @@ def _check_values(content: Any, max_depth: int) -> None:
         seen += 1
         if seen > MAX_VALUES or depth > max_depth:
             raise _too_much(max_depth)
-        if isinstance(value, dict):
-            pending.extend((child, depth + 1) for child in value.values())
-        elif isinstance(value, list):
-            pending.extend((child, depth + 1) for child in value)
+        yield value
+        pending.extend((child, depth + 1) for child in _children(value))
 
 
 def _check_depth(content: Any) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Map = NDArray[np.float32]
 
@@ -45,10 +45,7 @@ class RectifiedPair:
     @property
     def P_left(self) -> NDArray[np.float64]:
         """Projection (3, 3) of the rectified left camera: pixel = P_left @ (x, y, z) / z."""
-        return np.array(
-            [[self.focal_px, 0, self.cx_left_px], [0, self.focal_px, self.cy_px], [0, 0, 1]],
-            dtype=np.float64,
-        )
+        return camera_matrix(self.focal_px, self.focal_px, self.cx_left_px, self.cy_px)
 
     def turned(self, turns: int) -> "RectifiedPair":
         """The geometry of these images turned counterclockwise; disparities keep their meaning.
@@ -60,12 +57,8 @@ class RectifiedPair:
             The geometry.
         """
         width, height = self.image_size
-        focal_px, cx, cy, shift_px = (
-            self.focal_px,
-            self.cx_left_px,
-            self.cy_px,
-            self.cx_left_px - self.cx_right_px,
-        )
+        focal_px, cx, cy = self.focal_px, self.cx_left_px, self.cy_px
+        shift_px = self.cx_left_px - self.cx_right_px
         for _ in range(turns % 4):
             cx, cy, width, height = cy, width - 1 - cx, height, width
         cx_right_px = cx - shift_px if turns % 4 else self.cx_right_px
@@ -175,7 +168,12 @@ class RectifiedPair:
 Array = NDArray[np.float64]
 
 
-def rigid(R: Array, translation: Array) -> Array:
+def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
+    """K (3, 3) of focal lengths and principal point, pixels."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+
+
+def rigid(R: Array, translation: ArrayLike) -> Array:
     """Make the (4, 4) transform of a rotation (3, 3) and a translation of three numbers."""
     T = np.eye(4)
     T[:3, :3] = R
@@ -193,3 +191,11 @@ def rotation_of_quaternion(xyzw: Array) -> Array:
 def inverse_transform(T: Array) -> Array:
     """The inverse of a rigid transform (4, 4)."""
     return rigid(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+
+
+def is_backward(T: Array) -> bool:
+    """Tell whether the second camera stands to the left of the first. T: (4, 4) from the axes of
+    the first to those of the second.
+    """
+    x, y, _ = inverse_transform(T)[:3, 3]
+    return bool(x < -abs(y))

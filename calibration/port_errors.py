@@ -8,10 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.rectification import (
-    plan_rectification,
-    rectified_points,
-)
+from calibration.rectification import plan_rectification, rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.rig import StereoRig
 

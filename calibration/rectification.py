@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import RectifiedPair
+from calibration.geometry import RectifiedPair, rigid
 from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.resizing import wrong_size
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of, roll
@@ -105,17 +105,14 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
     where a lens does not reach.
     """
     plan = plan_rectification(rig)
-    pair, rectified = plan.matching_pair, []
+    pair = plan.matching_pair
     left_camera, right_camera, _ = cameras_in_water(rig)
-    for camera, R, pixels in (
-        (left_camera, plan.R_left_matching, left),
-        (right_camera, plan.R_right_matching, right),
-    ):
-        slopes = rectified_slopes(camera, R, pixels)
-        rectified.append(slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px])
+    left_slopes = rectified_slopes(left_camera, plan.R_left_matching, left)
+    right_slopes = rectified_slopes(right_camera, plan.R_right_matching, right)
+    rectified = right_slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px]
     if rig.is_rectified:
-        rectified[1][:, 0] += pair.cx_right_px - pair.cx_left_px
-    return rectified[0], rectified[1]
+        rectified[:, 0] += pair.cx_right_px - pair.cx_left_px
+    return left_slopes * pair.focal_px + [pair.cx_left_px, pair.cy_px], rectified
 
 
 def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
@@ -153,9 +150,7 @@ def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
     x, y, _ = -(_half(R).T @ translation)
     turns = round(np.arctan2(y, x) / (np.pi / 2)) % 4
     turn = quarter_turn(-turns)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = turn @ R @ turn.T, turn @ translation
-    R_left, R_right = rectifying_rotations(T)
+    R_left, R_right = rectifying_rotations(rigid(turn @ R @ turn.T, turn @ translation))
     return turn.T @ R_left @ turn, turn.T @ R_right @ turn @ turned_right, turns
 
 
@@ -304,9 +299,7 @@ class Rectification:
         """The transform of points from the left camera's axes, as calibrated, to the upright
         rectified left camera's: (4, 4).
         """
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = self.R_left, -self.R_left @ self.center_left_m
-        return T
+        return rigid(self.R_left, -self.R_left @ self.center_left_m)
 
     def rectified_rig(self) -> StereoRig:
         """The rig of the upright rectified images.
@@ -314,9 +307,8 @@ class Rectification:
         Returns:
             A rig without distortion and rotation, of one focal length.
         """
-        right_of_left = np.eye(4)
         turn = quarter_turn(-self.pair.quarter_turns)
-        right_of_left[:3, 3] = turn @ [-self.pair.baseline_m, 0.0, 0.0]
+        right_of_left = rigid(np.eye(3), turn @ [-self.pair.baseline_m, 0.0, 0.0])
         K_right = self.pair.P_left.copy()
         K_right[0, 2] = self.pair.cx_right_px
         none, size = np.zeros(0), self.pair.image_size
@@ -334,10 +326,8 @@ class Rectification:
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)
 
     def _remap(self, image: Image, maps: RemapTables | None, side: str) -> Image:
-        size, calibrated = (
-            (image.shape[1], image.shape[0]),
-            self.raw_size if side == "left" else self.raw_size_right,
-        )
+        size = (image.shape[1], image.shape[0])
+        calibrated = self.raw_size if side == "left" else self.raw_size_right
         if size != calibrated:
             raise CalibrationError(wrong_size(side, size, calibrated))
         if maps is None:

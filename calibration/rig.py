@@ -265,10 +265,8 @@ class StereoRig:
         )
 
 
-COLOR_TAKEN, GRAY_TAKEN = (
-    "color is taken",
-    ("the gray cameras are used, because the images are gray"),
-)
+COLOR_TAKEN = "color is taken"
+GRAY_TAKEN = "the gray cameras are used, because the images are gray"
 """Readings of a file that holds a rig of color cameras, and as its alternative one of gray ones."""
 
 

@@ -5,12 +5,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from calibration.geometry import inverse_transform, is_backward
 from calibration.port import FLAT_PORT
-from calibration.rectification import (
-    DIAGONAL_DEG,
-    plan_rectification,
-    rectified_points,
-)
+from calibration.rectification import DIAGONAL_DEG, plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
 
 
@@ -89,10 +86,10 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
 def placement_suspicions(rig: StereoRig) -> list[str]:
     """List what is unusual in the position of the right camera: to the left, or diagonal."""
     found = []
-    x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
-    if x_m < -abs(y_m):
+    if is_backward(rig.T_right_left):
+        left_m = -float(inverse_transform(rig.T_right_left)[0, 3])
         found.append(
-            f"the right camera stands {-x_m:.3f} m to the LEFT of the left one: this is correct "
+            f"the right camera stands {left_m:.3f} m to the LEFT of the left one: this is correct "
             "if the cameras are mounted upside down, or if left and right are exchanged in "
             "both the calibration and the folders; otherwise left and right are swapped, or "
             "the transform is inverted: check it on images of the dive"

@@ -57,10 +57,8 @@ def common_view(cameras: list[tuple[AnyCamera, Array]]) -> View:
         )
     width, height = cameras[0][0].image_size
     focal_px = max((width - 1) / (x1 - x0), (height - 1) / (y1 - y0))
-    cx_px, cy_px = (
-        (width - 1) / 2 - focal_px * (x0 + x1) / 2,
-        (height - 1) / 2 - focal_px * (y0 + y1) / 2,
-    )
+    cx_px = (width - 1) / 2 - focal_px * (x0 + x1) / 2
+    cy_px = (height - 1) / 2 - focal_px * (y0 + y1) / 2
     return View(focal_px, cx_px, cy_px, (width, height))
 
 

@@ -356,6 +356,10 @@ class GeoOrigin:
     utm_epsg: int | None = None
 
 
+NEAR_FIX = 0.125
+"""Of the time between two fixes: what lies so near to one of them is known by it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Poses of the left camera: p_world = T_world_camera @ p_camera, meters.

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry import camera_matrix
 from calibration.rig import CameraModel
 
 Array = NDArray[np.float64]
@@ -66,17 +67,11 @@ class Bundle:
     T_left_target: Array
 
 
-def camera_matrix(intrinsics: Array) -> Array:
-    """K (3, 3) of fx fy cx cy."""
-    fx, fy, cx, cy = intrinsics[:4]
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-
-
 def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array, Array, Array]:
     """Pixels (n, 2) of points (n, 3) in camera axes; derivatives by the point (n, 2, 3) and by the
     intrinsics (n, 2, k).
     """
-    K, distortion, zero = camera_matrix(intrinsics), intrinsics[4:], np.zeros(3)
+    K, distortion, zero = camera_matrix(*intrinsics[:4]), intrinsics[4:], np.zeros(3)
     shaped = points.reshape(-1, 1, 3)
     if model == "fisheye":
         pixels, jacobian = cv2.fisheye.projectPoints(shaped, zero, zero, K, distortion)

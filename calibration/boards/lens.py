@@ -6,19 +6,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from calibration.boards.bundle import (
-    Array,
-    Bundle,
-    CornerObservation,
-    Lens,
-    camera_matrix,
-    rms,
-    solve,
-)
+from calibration.boards.bundle import Array, Bundle, CornerObservation, Lens, rms, solve
 from calibration.boards.target_views import TargetView, observations_of
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.geometry import inverse_transform, rigid
+from calibration.geometry import camera_matrix, inverse_transform, rigid
 from calibration.rig import Camera, CameraModel
 
 FISHEYE_TRIAL_ITERATIONS = 10  # of each guess; the best one is then fitted to the end
@@ -94,7 +86,7 @@ def target_pose(camera: Camera, observation: CornerObservation) -> Array:
 
 def to_camera(model: CameraModel, intrinsics: Array, image_size: Size) -> Camera:
     """A Camera of bundle intrinsics."""
-    return Camera(camera_matrix(intrinsics), intrinsics[4:].copy(), image_size, model)
+    return Camera(camera_matrix(*intrinsics[:4]), intrinsics[4:].copy(), image_size, model)
 
 
 def _fit_fisheye(

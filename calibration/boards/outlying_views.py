@@ -4,13 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.boards.bundle import (
-    Array,
-    Bundle,
-    Lens,
-    rms,
-    solve,
-)
+from calibration.boards.bundle import Array, Bundle, Lens, rms, solve
 from calibration.boards.lens import first_guess
 from calibration.boards.report import ViewReport
 from calibration.boards.target_views import MIN_VIEWS, SIDES, TargetView, observations_of

@@ -116,13 +116,10 @@ class CalibrationReport:
     @property
     def empty_regions(self) -> tuple[str, ...]:
         """Ninths of either image in which no corners lay, such as "left image, top right"."""
-        width, height = self.rig.left.image_size
         empty = []
         for side, corners in (("left", self.corners_left), ("right", self.corners_right)):
-            counts, _, _ = np.histogram2d(
-                corners[:, 1], corners[:, 0], bins=(3, 3), range=[[0, height], [0, width]]
-            )
-            for row, column in np.argwhere(counts < MIN_CORNERS_IN_CELL).tolist():
+            few = self._counts(corners, (3, 3)) < MIN_CORNERS_IN_CELL
+            for row, column in np.argwhere(few).tolist():
                 words = f"{('top', 'middle', 'bottom')[row]} {('left', 'middle', 'right')[column]}"
                 empty.append(f"{side} image, {words}")
         return tuple(empty)
@@ -218,9 +215,9 @@ class CalibrationReport:
             )
         return np.hstack(sides)
 
-    def _counts(self, corners: Array) -> Array:
+    def _counts(self, corners: Array, cells: tuple[int, int] = GRID) -> Array:
         width, height = self.rig.left.image_size
         counts, _, _ = np.histogram2d(
-            corners[:, 1], corners[:, 0], bins=GRID[::-1], range=[[0, height], [0, width]]
+            corners[:, 1], corners[:, 0], bins=cells[::-1], range=[[0, height], [0, width]]
         )
         return np.asarray(counts)

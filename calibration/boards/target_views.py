@@ -63,24 +63,15 @@ def usable_views(views: Sequence[TargetView]) -> tuple[list[TargetView], list[Vi
             if corners is None
         ]
         if view.image_size != common:
-            dropped.append(
-                ViewReport(view.name, reason=f"image of {view.image_size}, the others are {common}")
-            )
+            reason = f"image of {view.image_size}, the others are {common}"
         elif missing:
-            dropped.append(
-                ViewReport(
-                    view.name, reason=f"target not found in the {' and the '.join(missing)} image"
-                )
-            )
-        elif common_ids(view).size < MIN_CORNERS:
-            dropped.append(
-                ViewReport(
-                    view.name,
-                    reason=f"only {common_ids(view).size} corners in common, {MIN_CORNERS} needed",
-                )
-            )
+            reason = f"target not found in the {' and the '.join(missing)} image"
+        elif (count := common_ids(view).size) < MIN_CORNERS:
+            reason = f"only {count} corners in common, {MIN_CORNERS} needed"
         else:
             usable.append(view)
+            continue
+        dropped.append(ViewReport(view.name, reason=reason))
     if len(usable) < MIN_VIEWS:
         first = f": {dropped[0].name}: {dropped[0].reason}" if dropped else ""
         raise CalibrationError(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import (
     Plane,
     double_sphere,
@@ -19,8 +20,7 @@ from calibration.formats.reading.lens_models import (
     fitted_camera,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
-from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
+from calibration.geometry import camera_matrix, inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import Camera, CameraModel, StereoRig
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
@@ -70,30 +70,23 @@ def _two(section: Section, key: str) -> list[Section]:
 
 
 def _camera(section: Section, size: tuple[int, int]) -> Camera:
-    name = section.text("camera_type")
+    name, lens = section.text("camera_type"), section.section("intrinsics")
     if name in OTHERS:
         keys, plane = OTHERS[name]
-        lens = section.section("intrinsics")
-        fx, fy, cx, cy, *shape = (lens.number(key) for key in ("fx", "fy", "cx", "cy", *keys))
-        return fitted_camera(
-            section.where,
-            plane(*shape),
-            np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
-            size,
-            name,
-        )
+        shape = [lens.number(key) for key in keys]
+        return fitted_camera(section.where, plane(*shape), _matrix(lens), size, name)
     if name not in MODELS:
         raise CalibrationError(
             f"{section.where}: camera_type: {name!r} is not supported: calibrate with "
             f"{' or '.join(MODELS)}"
         )
     model, coefficients = MODELS[name]
-    lens = section.section("intrinsics")
-    fx, fy, cx, cy = (lens.number(key) for key in ("fx", "fy", "cx", "cy"))
     distortion = np.array([lens.number(key) for key in coefficients])
-    return make_camera(
-        section.where, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), distortion, size, model
-    )
+    return make_camera(section.where, _matrix(lens), distortion, size, model)
+
+
+def _matrix(lens: Section) -> NDArray[np.float64]:
+    return camera_matrix(*(lens.number(key) for key in ("fx", "fy", "cx", "cy")))
 
 
 def _pose(section: Section) -> NDArray[np.float64]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
 from calibration.geometry import rigid
 from calibration.rig import Camera, StereoRig
 from calibration.rig_errors import RigErrors

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from calibration.bounded_text import decode_text
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
+from calibration.formats.reading.units import rig_in_meters
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 
@@ -62,15 +62,11 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     T = right[1] @ inverse_transform(left[1])
     places = inverse_transform(right[1]) @ left[1]
     with naming(document.where):
-        rig = _rig(left[0], right[0], T, "R and t as x = R X + t")
-        return rig.with_alternatives(
-            [_rig(left[0], right[0], places, "R and t as the positions of the cameras")]
-        )
-
-
-def _rig(left: Camera, right: Camera, T: NDArray[np.float64], reading: str) -> StereoRig:
-    shift, doubts = to_meters(T[:3, 3], None)
-    return StereoRig(left, right, rigid(T[:3, :3], shift), doubts=doubts, reading=reading)
+        rigs = [
+            rig_in_meters(left[0], right[0], one, None, f"R and t as {reading}")
+            for one, reading in ((T, "x = R X + t"), (places, "the positions of the cameras"))
+        ]
+        return rigs[0].with_alternatives(rigs[1:])
 
 
 def _camera(where: str, numbers: NDArray[np.float64]) -> tuple[Camera, NDArray[np.float64]]:

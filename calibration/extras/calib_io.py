@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
-from calibration.geometry import inverse_transform, rigid
+from calibration.formats.reading.units import rig_in_meters
+from calibration.geometry import camera_matrix, inverse_transform, rigid
 from calibration.rig import Camera, CameraModel, StereoRig
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
@@ -51,13 +51,14 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     T = poses[1] @ inverse_transform(poses[0])
     places = inverse_transform(poses[1]) @ poses[0]
     with naming(document.where):
-        rig = _rig(left, right, places, "transforms as the positions of the cameras")
-        return rig.with_alternatives([_rig(left, right, T, "transforms into the cameras")])
-
-
-def _rig(left: Camera, right: Camera, T: NDArray[np.float64], reading: str) -> StereoRig:
-    shift, doubts = to_meters(T[:3, 3], None)
-    return StereoRig(left, right, rigid(T[:3, :3], shift), doubts=doubts, reading=reading)
+        rigs = [
+            rig_in_meters(left, right, one, None, f"transforms {reading}")
+            for one, reading in (
+                (places, "as the positions of the cameras"),
+                (T, "into the cameras"),
+            )
+        ]
+        return rigs[0].with_alternatives(rigs[1:])
 
 
 def _pose(transform: Section) -> NDArray[np.float64]:
@@ -87,7 +88,7 @@ def _camera(section: Section) -> Camera:
         raise CalibrationError(
             f"{data.where}: no imageSize: the file is incomplete or of another kind"
         )
-    K = np.array([[f, 0, cx], [0, f * aspect, cy], [0, 0, 1]])
+    K = camera_matrix(f, f * aspect, cx, cy)
     return make_camera(section.where, K, distortion, size, kind)
 
 

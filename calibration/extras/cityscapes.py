@@ -3,8 +3,9 @@
 import numpy as np
 
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
+from calibration.geometry import camera_matrix, rigid
 from calibration.rig import StereoRig
 
 
@@ -23,16 +24,9 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     since the file has none.
     """
     lens = document.section("intrinsic")
-    K = np.array(
-        [
-            [lens.number("fx"), 0, lens.number("u0")],
-            [0, lens.number("fy"), lens.number("v0")],
-            [0, 0, 1],
-        ]
-    )
+    K = camera_matrix(*(lens.number(key) for key in ("fx", "fy", "u0", "v0")))
     camera = make_camera(lens.where, K, np.zeros(0), image_size or (2048, 1024), "pinhole")
-    T = np.eye(4)
-    T[0, 3] = -document.section("extrinsic").number("baseline")
+    T = rigid(np.eye(3), [-document.section("extrinsic").number("baseline"), 0, 0])
     with naming(document.where):
         return StereoRig(camera, camera, T, medium="air")
 

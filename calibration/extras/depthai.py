@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 

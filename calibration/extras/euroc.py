@@ -2,13 +2,11 @@
 et al., IJRR 2016).
 """
 
-import numpy as np
-
-from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat
+from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import check_sides_named, make_camera
-from calibration.geometry import inverse_transform
+from calibration.formats.ros import check_sides_named
+from calibration.geometry import camera_matrix, inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
@@ -39,15 +37,8 @@ def parse(left: Section, right: Section) -> StereoRig:
 
 
 def _camera(section: Section) -> Camera:
-    name = section.text("distortion_model")
-    if name not in DISTORTION_MODELS:
-        known = ", ".join(DISTORTION_MODELS)
-        raise CalibrationError(
-            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of "
-            f"{known}"
-        )
-    fx, fy, cx, cy = section.numbers("intrinsics", 4)
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    name = known_lens(section, "distortion_model", DISTORTION_MODELS)
+    K = camera_matrix(*section.numbers("intrinsics", 4))
     distortion = section.numbers("distortion_coefficients", 4)
     return make_camera(
         section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name]

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
+from calibration.formats.ros import rectified_rig, transform_of_projections
 from calibration.rig import COLOR_TAKEN, GRAY_TAKEN, Camera, StereoRig
 
 COLOR, GRAY = ("2", "3"), ("0", "1")
@@ -80,9 +81,8 @@ def _of_raw(document: Section, pair: tuple[str, str], size: Size | None) -> Ster
     rotations = [document.matrix(f"R_rect_0{camera}", 3, 3) for camera in pair]
     projections = [document.matrix(f"P_rect_0{camera}", 3, 4) for camera in pair]
     with naming(document.where):
-        return replace(
-            rig_from_projections(cameras[0], cameras[1], rotations, projections), medium="air"
-        )
+        T = transform_of_projections(rotations, projections)
+        return StereoRig(cameras[0], cameras[1], T, medium="air")
 
 
 def _camera(document: Section, camera: str, size: Size) -> Camera:

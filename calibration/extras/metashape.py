@@ -15,10 +15,10 @@ import numpy as np
 from calibration.bounded_text import decode_text, load_xml
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import fitted_camera, metashape
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 
@@ -116,10 +116,8 @@ def _camera(section: Section) -> Camera:
     center = (np.array(size) - 1) / 2 + [number("cx"), number("cy")]
     f = section.number("f")
     K = np.array([[f + number("b1"), number("b2"), center[0]], [0, f, center[1]], [0, 0, 1]])
-    radial, tangential = (
-        np.array([number(f"k{n}") for n in (1, 2, 3, 4)]),
-        np.array([number("p1"), number("p2")]),
-    )
+    radial = np.array([number(f"k{n}") for n in (1, 2, 3, 4)])
+    tangential = np.array([number("p1"), number("p2")])
     fisheye = section.text("lens") == "fisheye"
     if fisheye and not tangential.any():
         return make_camera(section.where, K, radial, size, "fisheye")

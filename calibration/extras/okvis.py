@@ -10,11 +10,11 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat, RigFormat
+from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.lens_models import fitted_camera, omni
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
-from calibration.geometry import inverse_transform
+from calibration.geometry import camera_matrix, inverse_transform
 from calibration.rig import Camera, CameraModel, StereoRig
 
 DISTORTION_TYPES: dict[str, CameraModel] = {
@@ -32,7 +32,7 @@ Size = tuple[int, int]
 
 def matches(document: Section) -> bool:
     """True for either configuration."""
-    return bool(_listed(document)) or document.has(*LENS_FILES)
+    return bool(document.listed("cameras", *POSES)) or document.has(*LENS_FILES)
 
 
 def is_lens(document: Section) -> bool:
@@ -52,7 +52,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     """The rig of the two cameras. image_size is not needed. Raises CalibrationError, naming the
     key.
     """
-    if cameras := _listed(document):
+    if cameras := document.listed("cameras", *POSES):
         if len(cameras) != 2:
             raise CalibrationError(
                 f"{document.where}: cameras: holds {len(cameras)}: keep the two of the stereo pair"
@@ -66,30 +66,12 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         return StereoRig(lenses[0], lenses[1], inverse_transform(poses[1]) @ poses[0])
 
 
-def _listed(document: Section) -> list[Section]:
-    """OKVIS's cameras; none where the file has none."""
-    cameras = document.content.get("cameras")
-    if not isinstance(cameras, list) or not all(
-        isinstance(one, dict) and any(key in one for key in POSES) for one in cameras
-    ):
-        return []
-    return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
-
-
 def _okvis_camera(section: Section) -> Camera:
-    (fx, fy), (cx, cy) = section.numbers("focal_length", 2), section.numbers("principal_point", 2)
-    name = section.text("distortion_type") if section.has("distortion_type") else "none"
-    if name not in DISTORTION_TYPES:
-        known = ", ".join(DISTORTION_TYPES)
-        raise CalibrationError(
-            f"{section.where}: distortion_type: {name!r} is not supported: calibrate with one of "
-            f"{known}"
-        )
+    K = camera_matrix(*section.numbers("focal_length", 2), *section.numbers("principal_point", 2))
+    name = known_lens(section, "distortion_type", DISTORTION_TYPES, "none")
     distortion = section.numbers("distortion_coefficients") if name != "none" else np.zeros(0)
     size = section.image_size("image_dimension")
-    return make_camera(
-        section.where, _matrix(fx, fy, cx, cy), distortion, size, DISTORTION_TYPES[name]
-    )
+    return make_camera(section.where, K, distortion, size, DISTORTION_TYPES[name])
 
 
 def _beside(document: Section, key: str) -> Section:
@@ -102,7 +84,7 @@ def _camodocal_camera(section: Section) -> Camera:
     size = section.image_size("image_width", "image_height")
     lens = section.section("projection_parameters")
     if model == KANNALA_BRANDT:
-        K = _matrix(*(lens.number(key) for key in ("mu", "mv", "u0", "v0")))
+        K = camera_matrix(*(lens.number(key) for key in ("mu", "mv", "u0", "v0")))
         return make_camera(
             section.where,
             K,
@@ -118,15 +100,11 @@ def _camodocal_camera(section: Section) -> Camera:
     shape = section.section("distortion_parameters")
     distortion = np.array([shape.number(key) for key in ("k1", "k2", "p1", "p2")])
     if model == PINHOLE:
-        K = _matrix(*(lens.number(key) for key in ("fx", "fy", "cx", "cy")))
+        K = camera_matrix(*(lens.number(key) for key in ("fx", "fy", "cx", "cy")))
         return make_camera(section.where, K, distortion, size, "pinhole")
-    K = _matrix(*(lens.number(key) for key in ("gamma1", "gamma2", "u0", "v0")))
+    K = camera_matrix(*(lens.number(key) for key in ("gamma1", "gamma2", "u0", "v0")))
     mirror = section.section("mirror_parameters")
     return fitted_camera(section.where, omni(mirror.number("xi"), distortion), K, size, model)
-
-
-def _matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
 FORMAT = RigFormat(matches, parse)

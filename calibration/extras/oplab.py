@@ -2,11 +2,10 @@
 OpenCV's stereoCalibrate.
 """
 
-import numpy as np
-
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import parse_camera
+from calibration.geometry import rigid
 from calibration.rig import StereoRig
 
 
@@ -26,11 +25,9 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """
     left, right = (parse_camera(document.section(side)) for side in ("left", "right"))
     extrinsics = document.section("extrinsics")
-    T = np.eye(4)
-    T[:3, :3] = extrinsics.matrix("rotation_matrix", 3, 3)
-    T[:3, 3] = extrinsics.numbers("translation_vector", 3)
+    R, t = extrinsics.matrix("rotation_matrix", 3, 3), extrinsics.numbers("translation_vector", 3)
     with naming(extrinsics.where):
-        return StereoRig(left, right, T)
+        return StereoRig(left, right, rigid(R, t))
 
 
 FORMAT = RigFormat(matches, parse)

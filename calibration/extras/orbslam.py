@@ -6,9 +6,10 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section
-from calibration.formats.ros import make_camera, rig_from_projections
-from calibration.geometry import inverse_transform
+from calibration.formats.ros import transform_of_projections
+from calibration.geometry import camera_matrix, inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 
 Size = tuple[int, int]
@@ -47,7 +48,7 @@ def _old_raw(document: Section) -> StereoRig:
         cameras.append(make_camera(f"{document.where}: {side}", K, distortion, size, "pinhole"))
         rotations.append(document.matrix(f"{side}.R", 3, 3))
         projections.append(document.matrix(f"{side}.P", 3, 4))
-    return rig_from_projections(cameras[0], cameras[1], rotations, projections)
+    return StereoRig(cameras[0], cameras[1], transform_of_projections(rotations, projections))
 
 
 def _two_cameras(
@@ -74,14 +75,11 @@ def _rectified(document: Section, size: Size) -> StereoRig:
         baseline_m = document.number("Stereo.b")
     else:
         baseline_m = document.number(document.first("Camera.bf", "Stereo.b")) / camera.K[0, 0]
-    T = np.eye(4)
-    T[0, 3] = -baseline_m
-    return StereoRig(camera, camera, T)
+    return StereoRig(camera, camera, rigid(np.eye(3), [-baseline_m, 0, 0]))
 
 
 def _camera(document: Section, name: str, size: Size) -> Camera:
-    fx, fy, cx, cy = (document.number(f"{name}.{key}") for key in ("fx", "fy", "cx", "cy"))
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    K = camera_matrix(*(document.number(f"{name}.{key}") for key in ("fx", "fy", "cx", "cy")))
     fisheye = document.has("Camera.type") and document.text("Camera.type") == "KannalaBrandt8"
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     distortion = np.array(

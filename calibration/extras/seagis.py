@@ -22,37 +22,25 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat
+from calibration.formats.cameras import make_camera
+from calibration.formats.reading.lens_models import brown_terms
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
+from calibration.formats.reading.units import rig_in_meters
 from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 MARK = "SeaGIS .cam"
 NUMBERS = (
-    "xp",
-    "yp",
-    "c",
-    "k3",
-    "k5",
-    "k7",
-    "p1",
-    "p2",
-    "orthogonality",
-    "affinity",
-    "X",
-    "Y",
-    "Z",
-    "omega",
-    "phi",
-    "kappa",
-)
+    "xp", "yp", "c", "k3", "k5", "k7", "p1", "p2", "orthogonality", "affinity", "X", "Y", "Z",
+    "omega", "phi", "kappa",
+)  # fmt: skip
 MAX_TEXT = 4096  # bytes of one text field: names and remarks are shorter
 # a pixel over an image of 1000; more would have to be modeled, and its sign is not documented
 MAX_AFFINITY = 1e-3
 # points a side over the image at which the distortion is fitted: 441 for at most 8 coefficients
 GRID = 21
+IN_ORDER = [0, 1, 3, 4, 2]  # k1 k2 p1 p2 k3, of brown_terms
 Y_DOWN = np.diag([1.0, -1.0, -1.0])  # photogrammetric axes look along -z with y up
 
 
@@ -111,21 +99,15 @@ def _read_as(left: Section, right: Section, corrects: bool, to_camera: bool) -> 
     cameras = [_camera(side, corrects) for side in (left, right)]
     poses = [_pose(side, to_camera) for side in (left, right)]
     T = poses[1] @ inverse_transform(poses[0])
-    T[:3, 3], doubts = to_meters(T[:3, 3], "millimeters")
     distortion = "added to measured points" if corrects else "part of measured points"
     angles = (
         "from the object's axes to the camera's"
         if to_camera
         else "from the camera's axes to the object's"
     )
+    reading = f"distortion {distortion}, angles {angles}"
     with naming(right.where):
-        return StereoRig(
-            cameras[0],
-            cameras[1],
-            T,
-            doubts=doubts,
-            reading=f"distortion {distortion}, angles {angles}",
-        )
+        return rig_in_meters(cameras[0], cameras[1], T, "millimeters", reading)
 
 
 @dataclass
@@ -191,29 +173,17 @@ def _fitted(section: Section, K: Array, size: tuple[int, int]) -> Array:
     """
     k1, k2, p1, p2, k3 = _forward(section)
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID), np.linspace(0, size[1] - 1, GRID))
-    x, y = (u.ravel() - K[0, 2]) / K[0, 0], (v.ravel() - K[1, 2]) / K[1, 1]
-    ideal_x, ideal_y = (
-        a + b for a, b in zip((x, y), _terms(x, y) @ np.array([k1, k2, p1, p2, k3]), strict=True)
-    )
-    terms = np.concatenate(_terms(ideal_x, ideal_y))
-    fitted, *_ = np.linalg.lstsq(terms, np.concatenate([x - ideal_x, y - ideal_y]), rcond=None)
+    measured = (np.column_stack([u.ravel(), v.ravel()]) - K[:2, 2]) / K[[0, 1], [0, 1]]
+    ideal = measured + brown_terms(measured)[..., IN_ORDER] @ np.array([k1, k2, p1, p2, k3])
+    terms, off = brown_terms(ideal)[..., IN_ORDER], measured - ideal
+    fitted, *_ = np.linalg.lstsq(np.concatenate([*terms.swapaxes(0, 1)]), off.T.ravel(), rcond=None)
     return np.asarray(fitted)
-
-
-def _terms(x: Array, y: Array) -> Array:
-    """(2, n, 5) what k1 k2 p1 p2 k3 add to x and to y."""
-    r2 = x**2 + y**2
-    in_x = np.column_stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x**2, x * r2**3])
-    in_y = np.column_stack([y * r2, y * r2**2, r2 + 2 * y**2, 2 * x * y, y * r2**3])
-    return np.stack([in_x, in_y])
 
 
 def _pose(section: Section, to_camera: bool) -> Array:
     """(4, 4) from the rig's axes (mm) to the camera's, x right and y down."""
     # a quarter of a second, which other formats need not wait for
-    from scipy.spatial.transform import (
-        Rotation,
-    )
+    from scipy.spatial.transform import Rotation
 
     R = Rotation.from_euler(
         "xyz", [-section.number(name) for name in ("omega", "phi", "kappa")], degrees=True

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
-from calibration.geometry import rigid
+from calibration.geometry import camera_matrix, rigid
 from calibration.rig import Camera, StereoRig
 
 SIZES = {
@@ -74,9 +74,8 @@ def _senses(R: NDArray[np.float64]) -> tuple[tuple[NDArray[np.float64], str], ..
 def _camera(document: Section, side: str, name: str, size: tuple[int, int]) -> Camera:
     section = document.section(f"{side}_CAM_{name}")
     lens = document.section(f"{side}_DISTO") if document.has(f"{side}_DISTO") else section
-    fx, fy, cx, cy = (section.number(key) for key in ("fx", "fy", "cx", "cy"))
     distortion = np.array([lens.number(key) if lens.has(key) else 0.0 for key in COEFFICIENTS])
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    K = camera_matrix(*(section.number(key) for key in ("fx", "fy", "cx", "cy")))
     return make_camera(
         section.where, K, distortion[: 8 if distortion[5:].any() else 5], size, "pinhole"
     )

@@ -168,7 +168,7 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     first, second = documents
     if colmap.matches(both := _together(documents)):
         return colmap.parse(both, image_size)
-    if opencv.has_intrinsics(both := merged(documents)) and opencv.has_extrinsics(both):
+    if opencv.is_rig(both := merged(documents)):
         return opencv.parse(both, image_size)
     if all(map(opencv.is_one_lens, documents)):
         raise CalibrationError(f"contains one lens, and so does {second.where}: {NO_POSE}")
@@ -302,7 +302,7 @@ def _of_folder(folder: Path) -> list[Section]:
         d
         for d in documents
         if any(format.matches(inner) for inner in _within(d) for _, format in _rig_formats())
-        or _is_opencv_rig(d)
+        or opencv.is_rig(d)
     ]
     if len(whole) == 1:
         return whole
@@ -315,7 +315,7 @@ def _of_folder(folder: Path) -> list[Section]:
         with suppress(CalibrationError):
             deeper = calibration_files(folder, "*/*")
         for files in (documents, [*documents, *_readable(deeper)]):
-            if files and _is_opencv_rig(parts := merged(files)):
+            if files and opencv.is_rig(parts := merged(files)):
                 return [Section(str(folder), parts.content)]
     found = (
         ", ".join(f"{Path(d.where).name} ({_kind(d)})" for d in documents)[:300]
@@ -332,10 +332,6 @@ def _together(documents: list[Section]) -> Section:
         ",".join(d.where for d in documents),
         {key: value for d in documents for key, value in d.content.items()},
     )
-
-
-def _is_opencv_rig(document: Section) -> bool:
-    return opencv.has_intrinsics(document) and opencv.has_extrinsics(document)
 
 
 def _kind(document: Section) -> str:

@@ -4,18 +4,17 @@ from rig, quaternions w first.
 Its pixels begin at the corner: the center of the first one is (0.5, 0.5) (COLMAP, *Camera Models*).
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, SizeMissingError
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import field_of_view, fitted_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
-from calibration.geometry import inverse_transform, rigid
+from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import Camera, CameraModel, StereoRig
 
 Array = NDArray[np.float64]
@@ -45,7 +44,8 @@ here.
 
 def matches(document: Section) -> bool:
     """True for a rig, and for cameras without one, which parse refuses."""
-    return bool(_configured(document)) or document.has(CAMERAS) or document.has(RIGS)
+    of_model = document.has(CAMERAS) or document.has(RIGS)
+    return of_model or bool(document.listed("cameras", "image_prefix"))
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
@@ -56,7 +56,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         cameras = _cameras(document)
         if document.has(RIGS):
             lenses, poses = _of_model(document, cameras)
-        elif configured := _configured(document):
+        elif configured := document.listed("cameras", "image_prefix"):
             lenses, poses = _of_config(document, configured, cameras, image_size)
         else:
             lenses, poses = [], []
@@ -84,16 +84,6 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             raise CalibrationError(
                 f"{MODEL_SCALE}: {error}" if document.has(RIGS) else str(error)
             ) from error
-
-
-def _configured(document: Section) -> list[Section]:
-    """The cameras of rig_config.json; none where the file is another."""
-    cameras = document.content.get("cameras")
-    if not isinstance(cameras, list) or not all(
-        isinstance(one, Mapping) and "image_prefix" in one for one in cameras
-    ):
-        return []
-    return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
 
 
 def _cameras(document: Section) -> dict[int, Camera]:
@@ -140,16 +130,12 @@ def _of_config(
             raise CalibrationError(
                 f"{section.where}: no 'camera_params': also give cameras.txt, separated by a comma"
             )
-        has_pose = section.has("cam_from_rig_rotation", "cam_from_rig_translation")
-        pose = (
-            [
-                section.numbers("cam_from_rig_rotation", 4),
-                section.numbers("cam_from_rig_translation", 3),
-            ]
-            if has_pose
-            else []
-        )
-        poses.append(_pose(section.where, np.concatenate(pose)) if pose else np.eye(4))
+        pose = np.eye(4)
+        if section.has("cam_from_rig_rotation", "cam_from_rig_translation"):
+            turn = section.numbers("cam_from_rig_rotation", 4)
+            shift = section.numbers("cam_from_rig_translation", 3)
+            pose = _pose(section.where, np.concatenate([turn, shift]))
+        poses.append(pose)
     return lenses, poses
 
 
@@ -177,14 +163,9 @@ def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camer
 
 def _pose(where: str, numbers: Array) -> Array:
     """(4, 4) of qw qx qy qz tx ty tz."""
-    # a quarter of a second, which other formats need not wait for
-    from scipy.spatial.transform import (
-        Rotation,
-    )
-
     if not 0.9 < np.linalg.norm(np.clip(numbers[:4], -2, 2)) < 1.1:
         raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is not a rotation")
-    return rigid(Rotation.from_quat(numbers[[1, 2, 3, 0]]).as_matrix(), numbers[4:])
+    return rigid(rotation_of_quaternion(numbers[[1, 2, 3, 0]]), numbers[4:])
 
 
 def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:
@@ -199,11 +180,9 @@ def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:
             f"{where}: {name} takes {focal_count + 2 + len(coefficients)} parameters, got "
             f"{numbers.size}"
         )
-    focal, (cx, cy), rest = (
-        numbers[:focal_count],
-        numbers[focal_count : focal_count + 2],
-        numbers[focal_count + 2 :],
-    )
+    focal = numbers[:focal_count]
+    cx, cy = numbers[focal_count : focal_count + 2]
+    rest = numbers[focal_count + 2 :]
     K = np.array([[focal[0], 0, cx - 0.5], [0, focal[-1], cy - 0.5], [0, 0, 1]])
     if name == "FOV":
         return fitted_camera(where, field_of_view(float(rest[0])), K, size, name)

@@ -11,6 +11,7 @@ import yaml
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.cameras import make_camera
 from calibration.formats.kalibr_results import stated_errors
 from calibration.formats.reading.lens_models import (
     Plane,
@@ -21,8 +22,7 @@ from calibration.formats.reading.lens_models import (
     omni,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
-from calibration.geometry import inverse_transform
+from calibration.geometry import camera_matrix, inverse_transform, is_backward
 from calibration.rig import Camera, CameraModel, StereoRig
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
@@ -64,8 +64,7 @@ def parse(document: Section) -> StereoRig:
         Path(document.where), np.array([camera.K[[0, 1], [0, 1]] for camera in cameras])
     )
     with naming(sections[1].where + ": T_cn_cnm1"):
-        x_m, y_m, _ = -T[:3, :3].T @ T[:3, 3]
-        if x_m < -abs(y_m):
+        if is_backward(T):
             _check_topics(topics[::-1])
             return StereoRig(cameras[1], cameras[0], inverse_transform(T), errors=errors)
         _check_topics(topics)
@@ -109,8 +108,7 @@ def _parse_camera(section: Section) -> Camera:
             f"{section.where}: distortion_model: {name!r} is not supported: calibrate with radtan "
             "or equidistant"
         )
-    fx, fy, cx, cy = section.numbers("intrinsics", 4)
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    K = camera_matrix(*section.numbers("intrinsics", 4))
     distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", 4)
     return make_camera(
         section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name]
@@ -132,7 +130,7 @@ def _other_lens(section: Section, model: str, name: str) -> Camera:
             "calibrate with pinhole-radtan or pinhole-equi"
         )
     numbers = section.numbers("intrinsics", count + 4)
-    shape, (fx, fy, cx, cy) = numbers[:count].tolist(), numbers[count:]
+    shape, K = numbers[:count].tolist(), camera_matrix(*numbers[count:])
     distortion = section.numbers("distortion_coeffs", 4) if name == "radtan" else np.zeros(4)
     planes: dict[str, Callable[[], Plane]] = {
         "omni": lambda: omni(shape[0], distortion),
@@ -140,7 +138,6 @@ def _other_lens(section: Section, model: str, name: str) -> Camera:
         "eucm": lambda: extended_unified(*shape),
         "pinhole": lambda: field_of_view(section.number("distortion_coeffs")),
     }
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return fitted_camera(
         section.where, planes[model](), K, section.image_size("resolution"), f"{model}-{name}"
     )

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.cameras import five_coefficients, make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
+from calibration.formats.reading.units import rig_in_meters
 from calibration.geometry import rigid
 from calibration.rig import Camera, StereoRig
 
@@ -27,17 +27,13 @@ Array = NDArray[np.float64]
 Size = tuple[int, int]
 # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 SAME_ROTATION = 1e-6
+HOLDS = "MATLAB has only k1 k2 k3 p1 p2"
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
 _OF_LENS = (
-    "IntrinsicMatrix",
-    "K",
-    "FocalLength",
-    "PrincipalPoint",
-    "Skew",
-    "RadialDistortion",
+    "IntrinsicMatrix", "K", "FocalLength", "PrincipalPoint", "Skew", "RadialDistortion",
     "TangentialDistortion",
-)
+)  # fmt: skip
 _OF_CAMERA = {
     name.lower(): name for name in (*_OF_LENS, "ImageSize", "WorldUnits", "RotationVectors")
 }
@@ -64,13 +60,10 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     assert stereo is not None
     sections = [stereo.section("CameraParameters1"), stereo.section("CameraParameters2")]
     left, right = (_camera(section, image_size) for section in sections)
-    T, doubts = to_meters(_translation(stereo), _unit(sections[0]))
+    T, unit = _translation(stereo), _unit(sections[0])
     readings = _rotations(stereo, document, sections)
     with naming(stereo.where):
-        rigs = [
-            StereoRig(left, right, rigid(R, T), doubts=doubts, reading=reading)
-            for reading, R in readings
-        ]
+        rigs = [rig_in_meters(left, right, rigid(R, T), unit, reading) for reading, R in readings]
         return rigs[0].with_alternatives(rigs[1:])
 
 
@@ -106,7 +99,7 @@ def write(rig: StereoRig, path: Path) -> None:
             f"cc_{side}": [[cx], [cy]],
             f"alpha_c_{side}": skew / fx,
         }
-        content[f"kc_{side}"] = _five(camera, side)[:, None]
+        content[f"kc_{side}"] = five_coefficients(camera, side, HOLDS)[:, None]
     width, height = rig.left.image_size
     from scipy.io import savemat  # half a second, which reading need not wait for
 
@@ -180,10 +173,8 @@ def _camera(section: Section, image_size: Size | None) -> Camera:
             "not supported; calibrate with the standard model"
         )
     K[:2, 2] -= 1  # MATLAB's first pixel is 1
-    radial, tangential = (
-        section.numbers("RadialDistortion", 2, 3),
-        section.numbers("TangentialDistortion", 2),
-    )
+    radial = section.numbers("RadialDistortion", 2, 3)
+    tangential = section.numbers("TangentialDistortion", 2)
     distortion = np.concatenate([radial[:2], tangential, np.pad(radial[2:], (0, 3 - radial.size))])
     return make_camera(section.where, K, distortion, _size(section, image_size), "pinhole")
 
@@ -256,7 +247,7 @@ def _rotation_by_views(cameras: list[Section]) -> Array | None:
 
 
 def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
-    k1, k2, p1, p2, k3 = _five(camera, side).tolist()
+    k1, k2, p1, p2, k3 = five_coefficients(camera, side, HOLDS).tolist()
     width, height = camera.image_size
     K = camera.K.copy()
     K[:2, 2] += 1
@@ -270,13 +261,3 @@ def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
         "NumRadialDistortionCoefficients": 3.0,
         "EstimateTangentialDistortion": True,
     }
-
-
-def _five(camera: Camera, side: str) -> Array:
-    """k1 k2 p1 p2 k3. Raises CalibrationError for a model that has more."""
-    if camera.model == "fisheye" or camera.distortion[5:].any():
-        raise CalibrationError(
-            f"{side}: MATLAB has only k1 k2 k3 p1 p2, but this {camera.model} camera has more: "
-            "write native"
-        )
-    return np.pad(camera.distortion[:5], (0, 5 - camera.distortion[:5].size))

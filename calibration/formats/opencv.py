@@ -12,25 +12,21 @@ import cv2
 import numpy as np
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.formats.cameras import make_camera
 from calibration.formats.reading.aliases import words_for
 from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
-from calibration.formats.ros import make_camera
-from calibration.geometry import inverse_transform
+from calibration.geometry import camera_matrix, inverse_transform, is_backward
 from calibration.rig import Camera, CameraModel, StereoRig
 
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
-FORWARD, BACKWARD = (
-    "the transform maps left to right axes",
-    "the transform maps right to left axes",
-)
-FROM_CAMERA, INTO_CAMERA = (
-    "the poses of the two cameras map from their axes",
-    "the poses of the two cameras map into their axes",
-)
+FORWARD = "the transform maps left to right axes"
+BACKWARD = "the transform maps right to left axes"
+FROM_CAMERA = "the poses of the two cameras map from their axes"
+INTO_CAMERA = "the poses of the two cameras map into their axes"
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
@@ -41,14 +37,10 @@ SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
 
-def has_intrinsics(document: Section) -> bool:
-    """Tell whether the file holds both camera matrices."""
-    return find(document.content).pair("K") is not None
-
-
-def has_extrinsics(document: Section) -> bool:
-    """Tell whether the file says where the second camera stands."""
-    return has_pose(document, find(document.content))
+def is_rig(document: Section) -> bool:
+    """Tell whether the file holds both camera matrices, and says where the second camera stands."""
+    parts = find(document.content)
+    return parts.pair("K") is not None and has_pose(document, parts)
 
 
 def is_one_lens(document: Section) -> bool:
@@ -129,19 +121,14 @@ def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
     """The transform, and where its sense is open the other one, before it where the first would put
     the right camera to the left.
     """
-    backward = _is_backward(pose.T)
+    backward = is_backward(pose.T)
     if pose.other is not None:
         senses = [(INTO_CAMERA if pose.is_into else FROM_CAMERA, pose.T)]
         senses.append((FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other))
-        return senses[::-1] if backward and not _is_backward(pose.other) else senses
+        return senses[::-1] if backward and not is_backward(pose.other) else senses
     if pose.is_open and backward:
         return [(BACKWARD, inverse_transform(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]
-
-
-def _is_backward(T: np.ndarray) -> bool:
-    x, y, _ = -T[:3, :3].T @ T[:3, 3]
-    return bool(x < -abs(y))
 
 
 def write(rig: StereoRig, path: Path) -> None:
@@ -244,10 +231,8 @@ def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, Came
 def _cameras(
     document: Section, parts: Parts, model: CameraModel, image_size: Size | None
 ) -> tuple[Camera, Camera]:
-    lenses, distortions = (
-        parts.pair("K") or parts.pair("P"),
-        parts.pair("D") if parts.pair("K") else None,
-    )
+    lenses = parts.pair("K") or parts.pair("P")
+    distortions = parts.pair("D") if parts.pair("K") else None
     assert lenses  # parse has looked
     cameras = []
     sides: tuple[Side, Side] = ("left", "right")
@@ -264,6 +249,5 @@ def _cameras(
 def _matrix(numbers: np.ndarray) -> np.ndarray:
     """K (3, 3) of nine numbers, of fx fy cx cy, or of a projection (3, 4)."""
     if numbers.size == 4:
-        fx, fy, cx, cy = numbers
-        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return camera_matrix(*numbers)
     return numbers.reshape(3, -1)[:, :3].copy()

@@ -4,6 +4,7 @@
 
 import numpy as np
 
+from calibration.formats.cameras import make_camera
 from calibration.formats.opencv import size_of
 from calibration.formats.reading.aliases import METERS
 from calibration.formats.reading.finder import find
@@ -11,7 +12,7 @@ from calibration.formats.reading.leaves import words
 from calibration.formats.reading.poses import has_pose
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.formats.ros import make_camera
+from calibration.geometry import rigid
 from calibration.rig import StereoRig
 
 
@@ -35,8 +36,6 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     K = lens.finite(document.where).reshape(3, 3)
     unit = next((word for word in words(baseline.path[-1]) if word in METERS), None)
     shift, doubts = to_meters(np.array([-abs(baseline.finite(document.where)[0]), 0, 0]), unit)
-    T = np.eye(4)
-    T[:3, 3] = shift
     camera = make_camera(
         document.where, K, np.zeros(0), size_of(document, parts, "left", K, image_size), "pinhole"
     )
@@ -45,4 +44,4 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
         "rectified"
     )
     with naming(document.where):
-        return StereoRig(camera, camera, T, doubts=(doubt, *doubts))
+        return StereoRig(camera, camera, rigid(np.eye(3), shift), doubts=(doubt, *doubts))

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
+from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import rigid
+from calibration.geometry import is_backward, rigid
 from calibration.rectification import upright_rotations
 from calibration.rig import Camera, CameraModel, StereoRig, quarter_turn
 
@@ -46,20 +47,15 @@ def parse(left: Section, right: Section) -> StereoRig:
     projections = [
         side.matrix(side.first("projection_matrix", "P", "p"), 3, 4) for side in (left, right)
     ]
-    rig = rig_from_projections(parse_camera(left), parse_camera(right), rotations, projections)
+    cameras = parse_camera(left), parse_camera(right)
+    rig = StereoRig(*cameras, transform_of_projections(rotations, projections))
     check_sides_named(rig, [str(side.content.get("camera_name", "")) for side in (left, right)])
     return rig
 
 
 def parse_camera(section: Section) -> Camera:
     """K, distortion and size of one camera_info (oplab's cameras have the same keys)."""
-    name = section.text("distortion_model") if section.has("distortion_model") else "plumb_bob"
-    if name not in DISTORTION_MODELS:
-        known = ", ".join(filter(None, DISTORTION_MODELS))
-        raise CalibrationError(
-            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of "
-            f"{known}"
-        )
+    name = known_lens(section, "distortion_model", DISTORTION_MODELS, "plumb_bob")
     size = section.image_size(
         section.first("image_width", "width"), section.first("image_height", "height")
     )
@@ -72,24 +68,12 @@ def check_sides_named(rig: StereoRig, names: list[str]) -> None:
     """Raise CalibrationError if the second camera stands to the left of the first, and their names
     say so too.
     """
-    x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
-    if x_m < -abs(y_m) and "right" in names[0].lower() and "left" in names[1].lower():
+    named_so = "right" in names[0].lower() and "left" in names[1].lower()
+    if named_so and is_backward(rig.T_right_left):
         raise CalibrationError(
             f"{names[1]!r} stands to the left of {names[0]!r}, but is given as the right camera: "
             "left and right are swapped"
         )
-
-
-def make_camera(
-    where: str,
-    K: NDArray[np.float64],
-    distortion: NDArray[np.float64],
-    size: tuple[int, int],
-    model: CameraModel,
-) -> Camera:
-    """A Camera whose complaints name the file."""
-    with naming(where):
-        return Camera(K, distortion, size, model)
 
 
 TURNED = np.diag([-1.0, -1.0, 1.0])
@@ -129,16 +113,6 @@ def transform_of_projections(
     return rigid(rotations[1].T @ rotations[0], rotations[1].T @ offset)
 
 
-def rig_from_projections(
-    left: Camera,
-    right: Camera,
-    rotations: list[NDArray[np.float64]],
-    projections: list[NDArray[np.float64]],
-) -> StereoRig:
-    """The exact rig behind two rectifying rotations (3, 3) and projections (3, 4), left first."""
-    return StereoRig(left, right, transform_of_projections(rotations, projections))
-
-
 def rectified_rig(
     where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]
 ) -> StereoRig:
@@ -150,7 +124,7 @@ def rectified_rig(
         make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections
     )
     with naming(where):
-        return rig_from_projections(left, right, [np.eye(3), np.eye(3)], projections)
+        return StereoRig(left, right, transform_of_projections([np.eye(3)] * 2, projections))
 
 
 def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:

@@ -5,12 +5,10 @@
 import json
 from pathlib import Path
 
-import numpy as np
-
-from calibration.errors import CalibrationError
+from calibration.formats.cameras import five_coefficients
 from calibration.rig import Camera, StereoRig
 
-COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
 
 
 def write(rig: StereoRig, path: Path) -> None:
@@ -28,16 +26,11 @@ def write(rig: StereoRig, path: Path) -> None:
 
 
 def _camera_content(camera: Camera, side: str) -> dict[str, float]:
-    if camera.model == "fisheye" or camera.distortion[5:].any():
-        raise CalibrationError(
-            f"{side}: VIAME has only k1 k2 p1 p2 k3, but this {camera.model} camera has more: "
-            "write native"
-        )
+    five = five_coefficients(camera, side, "VIAME has only k1 k2 p1 p2 k3").tolist()
     (fx, skew, cx), (_, fy, cy), _ = camera.K.tolist()
     content = {f"fx_{side}": fx, f"fy_{side}": fy, f"cx_{side}": cx, f"cy_{side}": cy}
     if skew:
         content[f"skew_{side}"] = skew
-    five = np.pad(camera.distortion[:5], (0, 5 - camera.distortion[:5].size)).tolist()
     return content | {
-        f"{name}_{side}": value for name, value in zip(COEFFICIENTS, five, strict=False)
+        f"{name}_{side}": value for name, value in zip(COEFFICIENTS, five, strict=True)
     }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from calibration.verification.matches import Matches
 from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
-from calibration.verification.row_fits import explain, robust_fit, row_inliers
+from calibration.verification.row_fits import explain, robust_fit, robust_std, row_inliers
 
 Array = NDArray[np.float64]
 Kind = Literal["", "odd", "step", "drift", "each"]
@@ -88,10 +88,9 @@ def pair_rows(matches: Matches, pair: RectifiedPair) -> PairRows | None:
     _, between = robust_fit(terms, rows)
     to_px = np.array([1, *np.array(pair.image_size) / np.sqrt(12)])
     design = np.column_stack([np.ones(len(left)), left]) / to_px
-    noise_px = 1.4826 * float(np.median(np.abs(rest)))
     return PairRows(
         np.array([offset, roll, scale]) * to_px,
-        noise_px * float(np.sqrt(np.trace(np.linalg.pinv(design.T @ design)))),
+        robust_std(rest) * float(np.sqrt(np.trace(np.linalg.pinv(design.T @ design)))),
         1 + float(scale),
         float(np.median(np.abs(rest))),
         float(np.median(np.abs(between))),
@@ -121,9 +120,9 @@ def differ(one: PairRows, other: PairRows) -> bool:
 class Changes:
     """How pairs of a dive differ, in its order.
 
-    kind: "odd", some pairs among others that agree; "step", all from a pair on; "each", pair by
-    pair; "" where they agree, or too few tell. first, last: places of the first and the last pair
-    that changed; before: of the last that had not. odd: places of all odd pairs.
+    kind: "odd", some pairs among others that agree; "step", all from a pair on; "drift", steadily;
+    "each", pair by pair; "" where they agree, or too few tell. first: place of the first pair after
+    a step; before: of the last one before it. odd: places of all odd pairs.
     scale: the vertical scale of the right image against the left one after the change, over that
     before; NaN where the change is another. spread_px: standard deviation of the rows of pairs, or
     size of the step, root mean square over the image.
@@ -133,7 +132,6 @@ class Changes:
 
     kind: Kind = ""
     first: int = 0
-    last: int = 0
     before: int = 0
     odd: tuple[int, ...] = ()
     scale: float = float("nan")
@@ -158,45 +156,31 @@ def changes_of(rows: Sequence[PairRows | None]) -> Changes:
         return NO_CHANGES
     if _drifts(known, places):
         change_px = known[-1].motion_px - known[0].motion_px
-        size_px = float(np.linalg.norm(change_px))
-        return Changes(
-            "drift",
-            places[0],
-            places[-1],
-            spread_px=size_px,
-            range_error=size_px / _disparity(known),
-            moments=_moments(known),
-        )
+        return _changed("drift", change_px, known, _moments(known))
     if step := _step(known):
         before, after = known[:step], known[step:]
-        change = _middle(after) - _middle(before)
-        of_scale = change[2] ** 2 > ONE_CAUSE * float(change @ change)
-        size_px = float(np.linalg.norm(change))
-        return Changes(
-            "step",
-            places[step],
-            places[-1],
-            places[step - 1],
-            scale=_scale(after) / _scale(before) if of_scale else float("nan"),
-            spread_px=size_px,
-            range_error=size_px / _disparity(known),
-            moments=_moments(after),
-        )
+        change_px = _middle(after) - _middle(before)
+        scale = _scale(after) / _scale(before)
+        found = _changed("step", change_px, known, _moments(after), scale)
+        return replace(found, first=places[step], before=places[step - 1])
     if len(others) <= MOST_ODD * len(known):
-        found = [places[other] for other in others]
-        return Changes("odd", found[0], found[-1], odd=tuple(found))
-    motions = np.array([one.motion_px for one in known])
-    spread = motions.std(axis=0, ddof=1)
-    size_px = float(np.linalg.norm(spread))
-    of_scale = spread[2] ** 2 > ONE_CAUSE * float(spread @ spread)
+        return Changes("odd", odd=tuple(places[other] for other in others))
+    spread_px = np.array([one.motion_px for one in known]).std(axis=0, ddof=1)
+    return _changed("each", spread_px, known, _moments(known), 1.0)
+
+
+def _changed(
+    kind: Kind, change_px: Array, known: Sequence[PairRows], moments: bool, scale: float = np.nan
+) -> Changes:
+    """A change of this size, as PairRows has motions; scale: where it is one of scale."""
+    size_px = float(np.linalg.norm(change_px))
+    of_scale = change_px[2] ** 2 > ONE_CAUSE * float(change_px @ change_px)
     return Changes(
-        "each",
-        places[0],
-        places[-1],
-        scale=1.0 if of_scale else float("nan"),
+        kind,
+        scale=scale if of_scale else float("nan"),
         spread_px=size_px,
         range_error=size_px / _disparity(known),
-        moments=_moments(known),
+        moments=moments,
     )
 
 

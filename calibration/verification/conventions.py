@@ -10,13 +10,7 @@ from calibration.checks import rows_off_px
 from calibration.errors import CalibrationError
 from calibration.rig import StereoRig
 from calibration.verification.causes import PENALTY, find_causes
-from calibration.verification.matches import (
-    QUICK,
-    Images,
-    Matches,
-    raw_matches,
-    rectified_matches,
-)
+from calibration.verification.matches import QUICK, Images, Matches, raw_matches, rectified_matches
 
 CLEARLY_BETTER = 1.2
 """Readings whose vertical disparities are nearer than this to each other fit alike: the first,

@@ -23,7 +23,7 @@ from calibration.verification.dive_points import (
 from calibration.verification.motion import fit_clear, range_error
 from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
-from calibration.verification.row_fits import robust_fit
+from calibration.verification.row_fits import robust_fit, robust_std
 from calibration.verification.table import CAUSES, MOVED
 
 ROWS_PX = 0.05
@@ -71,10 +71,8 @@ class RigEvidence:
             couples = [seen_twice(points, reading, couple) for couple in points.couples]
             moved, moved_cov, rest_px = _motion_evidence(couples, geometry)
             none = np.zeros((len(values), len(moved)))
-            values, cov = (
-                np.concatenate([values, moved]),
-                np.block([[cov, none], [none.T, moved_cov]]),
-            )
+            values = np.concatenate([values, moved])
+            cov = np.block([[cov, none], [none.T, moved_cov]])
         step = -(-len(left) // SHOWN)
         return cls(causes, amounts, values, cov, rest_px, reading, left[::step], right[::step])
 
@@ -196,10 +194,9 @@ def _row_evidence(
     without = [
         robust_fit(terms[numbers != one], rows[numbers != one])[0] for one in pairs[:MOST_LEFT_OUT]
     ]
-    noise_px = 1.4826 * float(np.median(np.abs(rest)))
     corner_px = MOTION_LIMITS.lens_rad * float(np.prod(pair.image_size)) / 4 / pair.focal_px
     lens_px = np.array([ROWS_PX] * 3 + [corner_px] * 3 + [ROWS_PX])
-    formal = np.asarray(noise_px**2 * np.linalg.inv(terms.T @ terms), np.float64)
+    formal = np.asarray(robust_std(rest) ** 2 * np.linalg.inv(terms.T @ terms), np.float64)
     between = jackknife(np.array(without)) if len(pairs) > 1 else np.zeros(len(values))
     return values, np.asarray(np.diag(between**2 + lens_px**2) + formal)
 

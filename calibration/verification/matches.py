@@ -235,10 +235,8 @@ def _mutual(
     )
     if apart is not None:
         squared[apart] = UNLIKE
-    of_left, of_right = (
-        _clearly_nearest(squared.copy(), ratio),
-        _clearly_nearest(np.ascontiguousarray(squared.T), ratio),
-    )
+    of_left = _clearly_nearest(squared.copy(), ratio)
+    of_right = _clearly_nearest(np.ascontiguousarray(squared.T), ratio)
     both = np.flatnonzero((of_left >= 0) & (of_right[of_left] == np.arange(len(left))))
     return np.column_stack([both, of_left[both]])
 

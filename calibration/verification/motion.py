@@ -242,10 +242,8 @@ def _seen_twice(
 ) -> SeenTwice | None:
     """Points of the left images of both pairs, with their disparities at both moments."""
     geometry = rectification.matching_pair
-    at_first, at_second = (
-        same_points(moved.left, here.left, LIMITS.near_px),
-        same_points(moved.right, there.left, LIMITS.near_px),
-    )
+    at_first = same_points(moved.left, here.left, LIMITS.near_px)
+    at_second = same_points(moved.right, there.left, LIMITS.near_px)
     found = np.flatnonzero((at_first >= 0) & (at_second >= 0))
     kept, sides, rows_px = np.ones(len(found), bool), [], []
     for left, matches, index in (

@@ -19,7 +19,12 @@ def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bo
     one = np.ones_like(x)
     terms = np.column_stack([one, x, y, x * y, y**2, x**2 * y, y**3, x * y * disparity])
     _, rest = robust_fit(terms, right[:, 1] - left[:, 1])
-    return np.abs(rest) < max(4 * 1.4826 * float(np.median(np.abs(rest))), 0.3)
+    return np.abs(rest) < max(4 * robust_std(rest), 0.3)
+
+
+def robust_std(off: Array) -> float:
+    """The standard deviation of residuals, by their median size."""
+    return 1.4826 * float(np.median(np.abs(off)))
 
 
 def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:

@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 
-from calibration.verification.changes import (
-    Changes,
-)
+from calibration.verification.changes import Changes
 from stereo_seecolor.inputs.pairing import Pair
 
 

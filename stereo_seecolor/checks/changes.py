@@ -25,14 +25,7 @@ from stereo_seecolor.checks.change_texts import (
     step_line,
 )
 from stereo_seecolor.checks.neighbors import constant_shift
-from stereo_seecolor.checks.sample import (
-    DECIDING_PAIRS,
-    edge,
-    evenly_spaced,
-    matching_threads,
-    read_both,
-    readable,
-)
+from stereo_seecolor.checks.sample import edge, evenly_spaced, matching_threads, read_both, readable
 from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -74,14 +67,17 @@ def look_at(rectification: Rectification, pair: Pair, images: InputConfig) -> Pa
     """Describe a pair by a quick look at its rows; None where it cannot be read or shows too
     little.
     """
-    matches = _look(rectification, pair, images)
-    return pair_rows(matches, rectification.matching_pair) if matches else None
-
-
-def _look(rectification: Rectification, pair: Pair, images: InputConfig) -> Matches | None:
     with suppress(InputError, CalibrationError):
-        return find_matches(rectification, *read_both(pair, images), QUICK)
+        return _rows_of(rectification, read_both(pair, images))
     return None
+
+
+def look_at_all(
+    rectification: Rectification, pairs: Sequence[Pair], images: InputConfig
+) -> list[PairRows | None]:
+    """``look_at`` each pair, on all cores."""
+    threads = matching_threads(rectification.raw_size)
+    return list(threads.each(lambda pair: look_at(rectification, pair, images), pairs))
 
 
 def _rows_of(rectification: Rectification, both: tuple[Image, Image]) -> PairRows | None:
@@ -124,8 +120,7 @@ def _find_change(
         rows = [pair_rows(matches, geometry) for _, matches in known]
     else:
         sample = evenly_spaced(pairs, COMPARED)
-        threads = matching_threads(rectification.raw_size)
-        rows = list(threads.each(lambda pair: look_at(rectification, pair, images), sample))
+        rows = look_at_all(rectification, sample, images)
     places = [pairs.index(pair) for pair in sample]
     changes = changes_of(rows)
 
@@ -149,10 +144,9 @@ def _find_change(
     if changes.kind == "drift":
         return DiveChange(drift_line(pairs, changes), is_rigid=False)
     if changes.kind == "each":
-        chosen = evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1]
-        shift = constant_shift(chosen, pairs, rectification, images)
+        shift = constant_shift(pairs, rectification, images)
         line = shift or each_line(pairs, changes)
-        return DiveChange(line, is_rigid=False, out_of_step=shift is not None)
+        return DiveChange(line, is_rigid=False, out_of_step=bool(shift))
     if changes.kind == "odd":
         good = [number for number, one in enumerate(rows) if one and number not in changes.odd]
         reference = rows[good[len(good) // 2]]

@@ -8,7 +8,13 @@ from calibration import CalibrationError, Rectification
 from calibration.errors import counted
 from calibration.verification.matches import describe_left, describe_right
 from calibration.verification.same_scene import ENOUGH_POINTS, agreeing_points, is_same_picture
-from stereo_seecolor.checks.sample import consecutive_intervals, matching_threads, read_both
+from stereo_seecolor.checks.sample import (
+    DECIDING_PAIRS,
+    consecutive_intervals,
+    evenly_spaced,
+    matching_threads,
+    read_both,
+)
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -71,27 +77,26 @@ def neighbor_that_fits(
     return best if most >= max(ENOUGH_POINTS, _LIMITS.ratio * own) else None
 
 
-def constant_shift(
-    sample: Sequence[Pair], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
-) -> str | None:
-    """Report a constant shift between the sides, if all left images of ``sample`` fit right ones
-    that lie as many pairs later; else None.
+def constant_shift(pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> str:
+    """Report a constant shift between the sides, if the left images of some pairs within the dive
+    all fit right ones that lie as many pairs later; else "".
 
     Raises nothing of what a run says of single pairs.
     """
+    sample = evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1]
     shifts: set[int] = set()
     example, one_camera = "", False
     for pair in sample:
         with contextlib.suppress(InputError, CalibrationError):
             other = neighbor_that_fits(pair, pairs, rectification, config)
             if other is None:
-                return None
+                return ""
             shifts.add(pairs.index(other) - pairs.index(pair))
             example = _fits(pair, other)
             images = read_both(replace(pair, right=other.right), config)
             one_camera = is_same_picture(*images)
     if len(sample) < 2 or len(shifts) != 1:
-        return None
+        return ""
     if one_camera:
         return (
             f"both sides show the images of one camera ({example}: it is the same): give the "

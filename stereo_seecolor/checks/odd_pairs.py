@@ -5,18 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration import Rectification
-from calibration.verification.changes import (
-    changes_of,
-)
+from calibration.verification.changes import changes_of
 from stereo_seecolor.checks.change_texts import odd_line
-from stereo_seecolor.checks.changes import DiveChange, look_at
-from stereo_seecolor.checks.sample import (
-    consecutive_intervals,
-    evenly_spaced,
-    matching_threads,
-)
+from stereo_seecolor.checks.changes import DiveChange, look_at_all
+from stereo_seecolor.checks.sample import consecutive_intervals, evenly_spaced
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 AROUND = 5
 """Pairs on either side with which a measured pair is compared."""
@@ -44,9 +39,7 @@ def odd_among(
         return DiveChange()
     usual = [place for place in range(len(pairs)) if place not in suspects]
     compared = sorted({*suspects, *evenly_spaced(usual, 2 * len(suspects) + 2)})
-    threads = matching_threads(rectification.raw_size)
-    rows = list(threads.each(lambda place: look_at(rectification, pairs[place], images), compared))
-    changes = changes_of(rows)
+    changes = changes_of(look_at_all(rectification, [pairs[i] for i in compared], images))
     odd = [compared[number] for number in changes.odd if compared[number] in suspects]
     lines = [
         odd_line(pairs[first].name, pairs[last].name) for first, last in consecutive_intervals(odd)
@@ -69,7 +62,7 @@ def _standing_out(facts: Sequence[Mapping[str, float]]) -> list[int]:
             else values
         )
         off = np.abs(values - around)
-        usual = 1.4826 * float(np.nanmedian(off)) if np.isfinite(off).any() else 0.0
+        usual = ROBUST_DEVIATION * float(np.nanmedian(off)) if np.isfinite(off).any() else 0.0
         far = np.fmax(far, off / max(usual, LEAST_OFF[name]))
     most = np.argsort(far)[::-1][:MOST_SUSPECTS]
     return sorted(int(place) for place in most if far[place] > STANDS_OUT)

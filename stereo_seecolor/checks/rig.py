@@ -18,6 +18,7 @@ from calibration.verification.motion_result import LIMITS
 from calibration.verification.quick_check import quick_check
 from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import COMPARED, DiveChange
+from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
@@ -126,11 +127,7 @@ class JudgedRig:
     too_few: str = ""
 
     def with_motion(
-        self,
-        rig: StereoRig,
-        matches: Sequence[Matches],
-        pairs: Sequence[Pair],
-        images: InputConfig,
+        self, rig: StereoRig, matches: Sequence[Matches], pairs: Sequence[Pair], images: InputConfig
     ) -> "JudgedRig":
         """With the motion between neighboring pairs, and what explains it and the rows."""
         if self.rows is None or self.refusal or self.rows.change or self.rows.swapped:
@@ -225,18 +222,13 @@ def judge_rig(
         rival = rows.causes.rig if rows and rows.causes.explains else None
         few = first_images(evenly_spaced(pairs, DECIDING_PAIRS), images)
         mistake = likely_mistake(rig, few, rival)
-        refusal = mistake.line if mistake else _out_of_step(rig, pairs, images) or ""
+        refusal = (
+            mistake.line if mistake else constant_shift(pairs, Rectification.from_rig(rig), images)
+        )
     if rows is None:
         return JudgedRig(None, mistake, refusal, too_few)
     odd, other = (change.line, "") if change.is_rigid else ("", change.line)
     return JudgedRig(replace(rows, mistake=refusal, odd=odd, change=other), mistake, refusal)
-
-
-def _out_of_step(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> str | None:
-    from stereo_seecolor.checks.neighbors import constant_shift  # hardly ever needed
-
-    chosen = evenly_spaced(pairs, DECIDING_PAIRS + 2)[1:-1]
-    return constant_shift(chosen, pairs, Rectification.from_rig(rig), images)
 
 
 @dataclass(frozen=True, eq=False)

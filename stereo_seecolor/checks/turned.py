@@ -36,9 +36,7 @@ Look = Callable[[tuple[Image, Image]], PairRows | None]
 
 
 def turned_pairs(
-    pairs: Sequence[Pair],
-    images: InputConfig,
-    look: Look,
+    pairs: Sequence[Pair], images: InputConfig, look: Look
 ) -> tuple[str, frozenset[str]]:
     """Find pairs that EXIF turns otherwise than the others, which do not fit the rig as they are
     read, and do without that.

@@ -87,10 +87,8 @@ def drift_notes(offsets_s: Sequence[float]) -> tuple[str, ...]:
     if len(offsets_s) < DRIFT_PAIRS:
         return ()
     quarter = len(offsets_s) // 4
-    first, last = (
-        sorted(offsets_s[:quarter])[quarter // 2],
-        sorted(offsets_s[-quarter:])[quarter // 2],
-    )
+    first = sorted(offsets_s[:quarter])[quarter // 2]
+    last = sorted(offsets_s[-quarter:])[quarter // 2]
     if abs(last - first) < DRIFT_S:
         return ()
     return (

@@ -12,12 +12,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import product_name, stem_of
 from stereo_seecolor.inputs.halves import pair_halves
-from stereo_seecolor.inputs.listing import (
-    FolderFiles,
-    Unpaired,
-    folder_parts,
-    list_images,
-)
+from stereo_seecolor.inputs.listing import FolderFiles, Unpaired, folder_parts, list_images
 from stereo_seecolor.inputs.name_keys import without_side
 from stereo_seecolor.inputs.pairing import (
     DivePairs,

@@ -15,10 +15,7 @@ from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.decoding import decode_raw
-from stereo_seecolor.inputs.listing import (
-    EXTENSIONS,
-    Listing,
-)
+from stereo_seecolor.inputs.listing import EXTENSIONS, Listing
 from stereo_seecolor.inputs.pairing import (
     DivePairs,
     Pairing,

@@ -69,12 +69,8 @@ def exif_block(content: bytes) -> bytes:
     if content.startswith(TIFF_SIGNATURES):
         return content
     if content.startswith(PNG_SIGNATURE):
-        return _png_exif(content)
+        return png_chunk(content, b"eXIf")
     return _jpeg_exif(content) if content.startswith(JPEG_SIGNATURE) else b""
-
-
-def _png_exif(content: bytes) -> bytes:
-    return png_chunk(content, b"eXIf")
 
 
 def png_chunk(content: bytes, wanted: bytes) -> bytes:

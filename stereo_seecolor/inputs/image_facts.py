@@ -54,14 +54,9 @@ class ImageFacts:
 def image_facts(path: Path) -> ImageFacts:
     """Look at one image. Raises InputError if it cannot be read."""
     pixels = decode_raw(read_image_bytes(path), path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-    bits = 8 * pixels.dtype.itemsize
+    size, bits = (pixels.shape[1], pixels.shape[0]), 8 * pixels.dtype.itemsize
     if pixels.dtype.kind == "f":  # a range map, as a rule, with NaN in it
-        return ImageFacts(
-            (pixels.shape[1], pixels.shape[0]),
-            bits,
-            bits,
-            "monochrome" if pixels.ndim == 2 else "color",
-        )
+        return ImageFacts(size, bits, bits, "monochrome" if pixels.ndim == 2 else "color")
     highest = int(pixels.max(initial=0))
     used = next((number for number in (8, 10, 12, 14) if highest < 1 << number), 16)
     bayer = _pattern(pixels) if pixels.ndim == 2 else "none"
@@ -72,14 +67,7 @@ def image_facts(path: Path) -> ImageFacts:
         if pixels.ndim == 2 or is_monochrome(pixels)
         else "color"
     )
-    return ImageFacts(
-        (pixels.shape[1], pixels.shape[0]),
-        bits,
-        min(used, bits),
-        kind,
-        bayer,
-        _middle(pixels, kind),
-    )
+    return ImageFacts(size, bits, min(used, bits), kind, bayer, _middle(pixels, kind))
 
 
 def _middle(pixels: NDArray[np.generic], kind: str) -> float:

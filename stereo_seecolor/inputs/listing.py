@@ -28,22 +28,9 @@ RANGE_EXTENSIONS = EXTENSIONS | {".pfm", ".exr", ".npy", ".npz", ".mat"}
 """Of range maps."""
 _COMPRESSED = {".webp", ".jp2", ".j2k", ".jxl", ".avif", ".heic", ".heif", ".gif", ".exr"}
 _RAW = {
-    ".dng",
-    ".arw",
-    ".cr2",
-    ".cr3",
-    ".gpr",
-    ".nef",
-    ".nrw",
-    ".orf",
-    ".pef",
-    ".raf",
-    ".raw",
-    ".rw2",
-    ".srw",
-    ".3fr",
-    ".iiq",
-}
+    ".dng", ".arw", ".cr2", ".cr3", ".gpr", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2",
+    ".srw", ".3fr", ".iiq",
+}  # fmt: skip
 UNREAD = frozenset(_COMPRESSED | _RAW)
 """Images that are not read: of other compressions, and of cameras as they are."""
 

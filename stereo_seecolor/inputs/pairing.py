@@ -145,10 +145,8 @@ class _Matching:
                 self.add(name, lefts[0], rights[0])
             else:
                 several = sorted(lefts if len(lefts) > len(rights) else rights)
-                names, example = (
-                    ", ".join(path.name for path in several),
-                    f"{several[-1].parent.name}/*{several[-1].suffix}",
-                )
+                names = ", ".join(path.name for path in several)
+                example = f"{several[-1].parent.name}/*{several[-1].suffix}"
                 reason = (
                     f"{SEVERAL} {key!r} ({names}): keep one of them, or name a pattern such "
                     f"as '{example}'"
@@ -164,10 +162,8 @@ class _Matching:
         """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock
         is ahead by the offset.
         """
-        lefts, rights = (
-            timed(self.lefts),
-            [(time_s - offset_s, path) for time_s, path in timed(self.rights)],
-        )
+        lefts = timed(self.lefts)
+        rights = [(time_s - offset_s, path) for time_s, path in timed(self.rights)]
         left_times, right_times = [t for t, _ in lefts], [t for t, _ in rights]
         for i, (time_s, left) in enumerate(lefts):
             j = nearest(right_times, time_s)

@@ -76,10 +76,8 @@ def control_fit(
             f"control points: {len(found)} of {len(points)} markers were found in two frames; "
             f"needed: {FEWEST}"
         )
-    here, there = (
-        np.array([marker.place_m for marker in found]),
-        np.array([points[marker.number] for marker in found]),
-    )
+    here = np.array([marker.place_m for marker in found])
+    there = np.array([points[marker.number] for marker in found])
     if (
         np.linalg.svd(there - there.mean(axis=0), compute_uv=False)[1]
         < 1e-3 * np.ptp(there, axis=0).max()
@@ -91,15 +89,8 @@ def control_fit(
     T = rigid_alignment(here, there)
     off = np.linalg.norm(transform_points(T, here) - there, axis=1)
     residuals = {marker.number: float(value) for marker, value in zip(found, off, strict=True)}
-    stds = [
-        np.hypot((stds_m or {}).get(m.number, USUAL_STD_M), m.residual_m / np.sqrt(m.views))
-        for m in found
-    ]
-    doubt = (
-        _doubt(here, there, found, np.array(stds))
-        if (off > BEYOND_SIGMAS * np.array(stds)).any()
-        else ""
-    )
+    stds = np.array([np.hypot((stds_m or {}).get(m.number, USUAL_STD_M), m.std_m) for m in found])
+    doubt = _doubt(here, there, found, stds) if (off > BEYOND_SIGMAS * stds).any() else ""
     return ControlFit(T, residuals, float(np.sqrt((off**2).mean())), doubt)
 
 

@@ -6,7 +6,7 @@ import weakref
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from zlib import crc32
 
@@ -18,6 +18,7 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Lock, Threads
 from stereo_seecolor.files.atomic import output_errors
+from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import Map, SurveyFrame
 
@@ -84,9 +85,8 @@ class FrameIndex:
         """
         names, timestamps_s, checksums, certain = [], [], [], []
         points, lost = _PointFile(folder), {}
-        for number, one in enumerate(
-            (compute or Threads(1)).each(_Glance(frames, geometry, sampling), range(len(frames)))
-        ):
+        work = partial(_indexed, frames, geometry, sampling)
+        for number, one in enumerate((compute or Threads(1)).each(work, range(len(frames)))):
             names.append(one.name)
             timestamps_s.append(one.timestamp_s)
             checksums.append(one.checksum)
@@ -108,7 +108,7 @@ class FrameIndex:
         """Scale the ranges of all frames by a factor."""
         return replace(
             self,
-            points_m=_Scaled(self.points_m, scale),
+            points_m=Changed(self.points_m, lambda m: (scale * m).astype(np.float32)),
             checksums=self.checksums ^ crc32(np.float64(scale).tobytes()),
         )
 
@@ -163,20 +163,6 @@ class _PointFile(Lazy[NDArray[np.float32]]):
         return points_m.reshape(-1, 3)
 
 
-class _Scaled(Lazy[NDArray[np.float32]]):
-    """Arrays times a factor."""
-
-    def __init__(self, arrays: Sequence[NDArray[np.float32]], scale: float) -> None:
-        self._arrays, self._scale = arrays, scale
-
-    def __len__(self) -> int:
-        return len(self._arrays)
-
-    def item(self, number: int) -> NDArray[np.float32]:
-        """The array of a frame."""
-        return (self._scale * self._arrays[number]).astype(np.float32)
-
-
 @dataclass(frozen=True, eq=False)
 class _Indexed:
     """What the index knows of a frame. points_m: (n, 3) in the camera. certain: (n,) which are
@@ -191,25 +177,18 @@ class _Indexed:
     lost: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Glance:
-    """Reads the frame of a number."""
-
-    frames: Frames
-    geometry: RectifiedPair
-    sampling: PointSampling
-
-    def __call__(self, number: int) -> _Indexed:
-        frame = self.frames[number]
-        if isinstance(frame, Unplaced):
-            nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
-            return _Indexed(frame.name, np.nan, *nothing, 0, frame.reason)
-        points_m, certain = _coarse_points(frame, self.geometry, self.sampling)
-        checksum = crc32(
-            frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(points_m.tobytes())
-        )
-        timestamp_s = np.nan if frame.timestamp_s is None else frame.timestamp_s
-        return _Indexed(frame.name, timestamp_s, points_m, certain, checksum)
+def _indexed(
+    frames: Frames, geometry: RectifiedPair, sampling: PointSampling, number: int
+) -> _Indexed:
+    """Read the frame of a number."""
+    frame = frames[number]
+    if isinstance(frame, Unplaced):
+        nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
+        return _Indexed(frame.name, np.nan, *nothing, 0, frame.reason)
+    points_m, certain = _coarse_points(frame, geometry, sampling)
+    checksum = crc32(frame.color[:: sampling.max_stride_px].tobytes(), crc32(points_m.tobytes()))
+    timestamp_s = np.nan if frame.timestamp_s is None else frame.timestamp_s
+    return _Indexed(frame.name, timestamp_s, points_m, certain, checksum)
 
 
 def _coarse_points(

@@ -50,6 +50,11 @@ class PlacedMarker:
         """The middle of the marker: (3,)."""
         return np.array([self.x_m, self.y_m, self.z_m])
 
+    @property
+    def std_m(self) -> float:
+        """The standard error of its middle."""
+        return float(self.residual_m / np.sqrt(self.views))
+
 
 @dataclass(frozen=True)
 class ScaleCheck:
@@ -173,8 +178,7 @@ def bar_checks(
     for (first, second), length_m in bars.items():
         if first in found and second in found:
             a, b = found[first], found[second]
-            std = float(np.hypot(a.residual_m / np.sqrt(a.views), b.residual_m / np.sqrt(b.views)))
-            checks[first, second] = ScaleCheck(
-                float(np.linalg.norm(a.place_m - b.place_m)) / length_m, std / length_m, 1
-            )
+            ratio = float(np.linalg.norm(a.place_m - b.place_m)) / length_m
+            std = float(np.hypot(a.std_m, b.std_m)) / length_m
+            checks[first, second] = ScaleCheck(ratio, std, 1)
     return checks

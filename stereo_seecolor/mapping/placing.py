@@ -59,24 +59,24 @@ class PlacedSurvey:
     origin: GeoOrigin | None = None
     markers: MarkersFit | None = None
 
+    @classmethod
+    def compared(
+        cls, placement: Placement, verdict: ComparedNavigation, trajectory: Trajectory
+    ) -> "PlacedSurvey":
+        """A placement in the world of given poses, and how these compare with the images."""
+        residuals = verdict.position_residual_m, verdict.attitude_residual_deg
+        return cls(placement, verdict.navigation, *residuals, trajectory.origin)
+
+    def with_warnings(self, *warnings: str) -> "PlacedSurvey":
+        """Add warnings to the placement's."""
+        return replace(self, placement=self.placement.with_warnings(*warnings))
+
     @property
     def range_scale(self) -> float:
         """The factor by which ranges are longer than the rig says; 1 without markers of known
         size.
         """
         return self.markers.scale if self.markers and self.markers.before else 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Used:
-    """How given poses were used. in_their_world: whether the placement's world is that of the
-    poses. markers: as in Placed.
-    """
-
-    placement: Placement
-    navigation: Navigation
-    in_their_world: bool = True
-    markers: MarkersFit | None = None
 
 
 def place_survey(
@@ -97,7 +97,7 @@ def place_survey(
         placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
     )
     notes = trajectory.notes if trajectory else ()
-    return replace(placed, placement=placed.placement.with_warnings(*warnings, *notes))
+    return placed.with_warnings(*warnings, *notes)
 
 
 def _on_earth(
@@ -107,7 +107,7 @@ def _on_earth(
     if trajectory is None or trajectory.absolute is None:
         return placed
     if placed.origin:
-        return replace(placed, placement=placed.placement.with_warnings(FIXES_NOT_USED))
+        return placed.with_warnings(FIXES_NOT_USED)
     return replace(
         placed,
         placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config),
@@ -133,17 +133,10 @@ def _placed_by_pictures(
     track = odometry.follow(survey)
     own, markers = _upright(track, by_pictures(track), config)
     if trajectory is None or (markers and markers.control):
-        return PlacedSurvey(
-            own, None, unknown, unknown, markers.origin if markers else None, markers
-        )
-    return PlacedSurvey(
-        at_fixes(own, survey.index, trajectory, config),
-        None,
-        unknown,
-        unknown,
-        trajectory.origin,
-        markers,
-    )
+        origin = markers.origin if markers else None
+    else:
+        own, origin = at_fixes(own, survey.index, trajectory, config), trajectory.origin
+    return PlacedSurvey(own, None, unknown, unknown, origin, markers)
 
 
 def _placed_exactly(
@@ -162,13 +155,7 @@ def _placed_exactly(
     verdict = examine(given, survey, spots.edges, trajectory, config)
     if verdict.navigation.advice:
         return None
-    return PlacedSurvey(
-        exact,
-        verdict.navigation,
-        verdict.position_residual_m,
-        verdict.attitude_residual_deg,
-        trajectory.origin,
-    )
+    return PlacedSurvey.compared(exact, verdict, trajectory)
 
 
 def _placed_by_poses(
@@ -182,23 +169,18 @@ def _placed_by_poses(
     own = by_pictures(track) if edges else None
     verdict = examine(given, survey, edges, trajectory, config, own)
     if config.poses == "given" or own is None or not verdict.navigation.relative_poses:
-        used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
+        placed = PlacedSurvey.compared(_as_given(given, survey, trajectory), verdict, trajectory)
     elif not pose_graph.available():
         missing = (
             "the given poses were used unchanged: to fit them to the images, pip install "
             "'stereo-seecolor[slam]' (GTSAM)"
         )
-        used = _Used(
-            _as_given(verdict.placement, survey, trajectory).with_warnings(missing),
-            verdict.navigation,
-        )
+        as_given = _as_given(verdict.placement, survey, trajectory).with_warnings(missing)
+        placed = PlacedSurvey.compared(as_given, verdict, trajectory)
     else:
-        used = _fitted(track, own, verdict, trajectory, config)
-    advice = used.navigation.advice
-    placement = used.placement.with_warnings(advice) if advice else used.placement
-    origin = trajectory.origin if used.in_their_world else None
-    residuals = verdict.position_residual_m, verdict.attitude_residual_deg
-    return PlacedSurvey(placement, used.navigation, *residuals, origin, used.markers)
+        placed = _fitted(track, own, verdict, trajectory, config)
+    advice = placed.navigation and placed.navigation.advice
+    return placed.with_warnings(advice) if advice else placed
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
@@ -211,10 +193,11 @@ def _fitted(
     verdict: ComparedNavigation,
     trajectory: Trajectory,
     config: MappingConfig,
-) -> _Used:
+) -> PlacedSurvey:
     """Place the frames by pictures and poses together, or by pictures alone where the poses
     contradict them or are upside down.
     """
+    placed = PlacedSurvey.compared(verdict.placement, verdict, trajectory)
     navigation = _checked_up(verdict, track.survey, trajectory)
     known = priors(own, verdict.placement, config) if navigation.fits else []
     if known:
@@ -224,7 +207,7 @@ def _fitted(
     if not navigation.fits:
         own, markers = _upright(track, own, config)
         own = own.with_warnings("the map was made from the images alone")
-        return _Used(own, navigation, in_their_world=False, markers=markers)
+        return replace(placed, placement=own, navigation=navigation, origin=None, markers=markers)
     position_m, _, depth_m = known[0].position_std_m
     attitude_deg = np.degrees(known[0].attitude_std_rad)
     navigation = replace(
@@ -236,7 +219,8 @@ def _fitted(
     fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), known)
     fitted, markers = _to_fiducials(track, fitted, config, known)
     fitted = fitted.with_warnings(*_without_prior(verdict.placement, fitted, known, track.survey))
-    return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
+    fitted = upright(fitted, track.survey.index, trajectory.up)
+    return replace(placed, placement=fitted, navigation=navigation, markers=markers)
 
 
 def _without_prior(

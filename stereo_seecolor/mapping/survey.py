@@ -1,6 +1,7 @@
 """The survey that all stages of a map share, and the placement of its frames."""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads
+from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.survey_frames import Frames, ScaledFrames, Unplaced
+from stereo_seecolor.mapping.survey_frames import Frames, Unplaced, scaled
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +33,8 @@ class Survey:
 
     def scaled(self, scale: float) -> "Survey":
         """Scale all ranges by a factor."""
-        return replace(
-            self, frames=ScaledFrames(self.frames, scale), index=self.index.scaled(scale)
-        )
+        frames = Changed(self.frames, partial(scaled, scale=scale))
+        return replace(self, frames=frames, index=self.index.scaled(scale))
 
 
 @dataclass(frozen=True, eq=False)

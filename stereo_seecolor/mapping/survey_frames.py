@@ -21,21 +21,11 @@ class Unplaced:
 Frames = Sequence[SurveyFrame | Unplaced]
 
 
-class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
-    """Frames with their ranges scaled by a factor: of a rig whose scale is known better than by its
+def scaled(frame: SurveyFrame | Unplaced, scale: float) -> SurveyFrame | Unplaced:
+    """Scale a frame's ranges by a factor: of a rig whose scale is known better than by its
     calibration.
     """
-
-    def __init__(self, frames: Frames, scale: float) -> None:
-        self._frames, self._scale = frames, scale
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def item(self, number: int) -> SurveyFrame | Unplaced:
-        """Read a frame; Unplaced if it is lost."""
-        frame = self._frames[number]
-        return frame if isinstance(frame, Unplaced) else frame.scaled(self._scale)
+    return frame if isinstance(frame, Unplaced) else frame.scaled(scale)
 
 
 class ReadableFrames(Lazy[SurveyFrame | Unplaced]):

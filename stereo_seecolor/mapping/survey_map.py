@@ -28,21 +28,20 @@ from stereo_seecolor.mapping.navigation.comparison import Navigation
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference
-from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
+from stereo_seecolor.mapping.sizes import with_mosaic_cell, with_voxel
 from stereo_seecolor.mapping.surface import small_parts
 from stereo_seecolor.mapping.surface.engines import engine
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.parts import write_map
 from stereo_seecolor.mapping.surface.tile_store import TileStore
-from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
+from stereo_seecolor.mapping.surface.tile_work import PlacedTile, fuse
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_frames import Frames, ReadableFrames, Unplaced
 from stereo_seecolor.mapping.track.fiducials import read_known
 from stereo_seecolor.mapping.track.marker_fit import MarkersFit
-from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = (
@@ -278,12 +277,10 @@ def _fuse_tiles(
 ) -> None:
     """Fuse all tiles that are not finished."""
     survey, left = component.survey, [tile for tile in tiling.tiles if not store.has(tile)]
-    fusion = TileFusion(
-        store, replace(tiling, tiles=()), survey.frames, survey.geometry, config.engine
-    )
+    empty = replace(tiling, tiles=())
+    work = partial(fuse, store, empty, survey.frames, survey.geometry, config.engine)
     placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
-    for done, gone in enumerate(
-        survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1
-    ):
+    finished = len(tiling.tiles) - len(left)
+    for done, gone in enumerate(survey.compute.tiles(work, placed), finished + 1):
         lost.update(gone)
         survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))

@@ -37,11 +37,9 @@ rejected, pixels: points just outside the image are often matched with its outer
 ten of the wrong pixels there, on a synthetic plane).
 """
 _LOG_2 = float(np.log(2))
-_UNIQUENESS, _SUPPORT, _RELIEF = (
-    WEIGHTS.uniqueness / _LOG_2,
-    WEIGHTS.support / _LOG_2,
-    WEIGHTS.relief,
-)
+_UNIQUENESS = WEIGHTS.uniqueness / _LOG_2
+_SUPPORT = WEIGHTS.support / _LOG_2
+_RELIEF = WEIGHTS.relief
 _FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
 
 
@@ -70,11 +68,9 @@ def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
     """
     uniqueness, support, relief, around = evidence
     one, least_relief = np.float32(1), np.float32(_LEAST_RELIEF)
-    per_uniqueness, per_support, per_relief = (
-        np.float32(_UNIQUENESS),
-        np.float32(_SUPPORT),
-        np.float32(_RELIEF),
-    )
+    per_uniqueness = np.float32(_UNIQUENESS)
+    per_support = np.float32(_SUPPORT)
+    per_relief = np.float32(_RELIEF)
     for y in range(odds.shape[0]):
         unique_row, support_row, relief_row = uniqueness[y], support[y], relief[y]
         around_row, odds_row = around[y], odds[y]
@@ -93,12 +89,10 @@ def judge_rows(least: Any, fattening: Map, disparity: Map, confidence: Map) -> N
     confidence is below ``least``, or where they lie at or beyond the border of the right image.
     """
     nearest, farthest = np.float32(BORDER_PX), np.float32(confidence.shape[1] - 1 - BORDER_PX)
-    one, unknown, bound, per_fattening = (
-        np.float32(1),
-        np.float32(np.nan),
-        np.float32(least),
-        np.float32(_FATTENING),
-    )
+    one = np.float32(1)
+    unknown = np.float32(np.nan)
+    bound = np.float32(least)
+    per_fattening = np.float32(_FATTENING)
     for y in range(confidence.shape[0]):
         disparity_row, confidence_row, fat_row = disparity[y], confidence[y], fattening[y]
         for x in range(confidence_row.size):

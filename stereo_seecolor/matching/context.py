@@ -49,10 +49,8 @@ class Context:
     @classmethod
     def of(cls, matched: MatchedDisparity, left: Gray) -> "Context":
         """Sample the matched disparities of the left image."""
-        best, checked = (
-            _samples(matched.best),
-            np.isfinite(_samples(matched.disparity)).astype(np.float32),
-        )
+        best = _samples(matched.best)
+        checked = np.isfinite(_samples(matched.disparity)).astype(np.float32)
         disparity = np.where(np.isnan(best), np.float32(np.inf), best)
         window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window
         farthest = cv2.erode(disparity, np.ones((5, 5), np.uint8), borderValue=np.inf)

@@ -103,10 +103,8 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     """
     height, width = image.shape
     mask = np.zeros(image.shape, np.bool_)
-    rows, columns = (
-        min(DIAGNOSTICS_CONSTANTS.window[0], height),
-        min(DIAGNOSTICS_CONSTANTS.window[1], width),
-    )
+    rows = min(DIAGNOSTICS_CONSTANTS.window[0], height)
+    columns = min(DIAGNOSTICS_CONSTANTS.window[1], width)
     tops = [*range(0, height - rows, rows), height - rows]
     lefts = [*range(0, width - columns, columns // 2), width - columns]
     windows = np.stack(

@@ -36,12 +36,10 @@ class FatteningConstants:
 
 FATTENING_CONSTANTS = FatteningConstants()
 _REACH, _EVERY = FATTENING_CONSTANTS.reach, CONTEXT_CONSTANTS.every
-_STEP, _SAME, _NOISE, _ALONE = (
-    FATTENING_CONSTANTS.step_px,
-    FATTENING_CONSTANTS.same_px,
-    FATTENING_CONSTANTS.noise_levels,
-    FATTENING_CONSTANTS.alone_levels,
-)
+_STEP = FATTENING_CONSTANTS.step_px
+_SAME = FATTENING_CONSTANTS.same_px
+_NOISE = FATTENING_CONSTANTS.noise_levels
+_ALONE = FATTENING_CONSTANTS.alone_levels
 
 
 def fattening(

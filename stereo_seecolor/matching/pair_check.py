@@ -60,9 +60,7 @@ class PairCheck:
     """
 
     def __init__(
-        self,
-        match: Callable[[StereoFrame], RangeMap],
-        rectification: Rectification | None = None,
+        self, match: Callable[[StereoFrame], RangeMap], rectification: Rectification | None = None
     ) -> None:
         self._match = match
         self._rectification = rectification

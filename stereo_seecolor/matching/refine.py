@@ -37,11 +37,9 @@ class RefineConstants:
 
 
 CONSTANTS = RefineConstants()
-_LARGEST_STEP, _PRIOR, _SAMPLES = (
-    CONSTANTS.largest_step_px,
-    1 / CONSTANTS.matching_std_px**2,
-    CONSTANTS.samples,
-)
+_LARGEST_STEP = CONSTANTS.largest_step_px
+_PRIOR = 1 / CONSTANTS.matching_std_px**2
+_SAMPLES = CONSTANTS.samples
 
 
 def contrast_gain(left: Gray, right: Gray) -> float:
@@ -113,10 +111,8 @@ def _refine(
                 _smooth_across(disparity[y + near], across[(y + near) % SMOOTHED])
             here = base[y % WINDOW]
             above, above2 = across[max(y - 1, 0) % SMOOTHED], across[max(y - 2, 0) % SMOOTHED]
-            below, below2 = (
-                across[min(y + 1, height - 1) % SMOOTHED],
-                across[min(y + 2, height - 1) % SMOOTHED],
-            )
+            below = across[min(y + 1, height - 1) % SMOOTHED]
+            below2 = across[min(y + 2, height - 1) % SMOOTHED]
             _mean_near(across[y % SMOOTHED], above2, above, below, below2, here)
             _residuals(left[y], right[y], here, gain, samples, half, places, fetched)
             for moment in range(MOMENTS):
@@ -151,12 +147,10 @@ def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> No
     one, none = np.float32(1), np.float32(0)
     for x in range(center.size):
         here = center[x]
-        near0, near1, near2, near3 = (
-            abs(n0[x] - here) < one,
-            abs(n1[x] - here) < one,
-            abs(n2[x] - here) < one,
-            abs(n3[x] - here) < one,
-        )
+        near0 = abs(n0[x] - here) < one
+        near1 = abs(n1[x] - here) < one
+        near2 = abs(n2[x] - here) < one
+        near3 = abs(n3[x] - here) < one
         total = (
             here
             + (n0[x] if near0 else none)
@@ -193,24 +187,18 @@ def _residuals(
     """
     width = disparity.size
     scale, half = np.float32(1 / 256), np.float32(0.5)
-    one, g, e = (
-        samples[0, margin : margin + width],
-        samples[1, margin : margin + width],
-        samples[2, margin : margin + width],
-    )
-    gg, ge, ee = (
-        samples[3, margin : margin + width],
-        samples[4, margin : margin + width],
-        samples[5, margin : margin + width],
-    )
+    one = samples[0, margin : margin + width]
+    g = samples[1, margin : margin + width]
+    e = samples[2, margin : margin + width]
+    gg = samples[3, margin : margin + width]
+    ge = samples[4, margin : margin + width]
+    ee = samples[5, margin : margin + width]
     d = samples[6, margin : margin + width]
     fraction = samples[7, margin : margin + width]
-    nearest, none, last, low = (
-        np.float32(1),
-        np.float32(0),
-        np.float32(width - 3),
-        np.uint64(0xFFFF),
-    )
+    nearest = np.float32(1)
+    none = np.float32(0)
+    last = np.float32(width - 3)
+    low = np.uint64(0xFFFF)
     for x in range(width):
         place = np.float32(x) - disparity[x]
         inside = (place >= nearest) & (place < last) & (x > 0) & (x < width - 1)
@@ -230,10 +218,8 @@ def _residuals(
     for x in range(1, width - 1):
         t, met = fraction[x], fetched[x]
         a, b = np.float32(np.int32(met & low)), np.float32(np.int32((met >> np.uint64(16)) & low))
-        c, f = (
-            np.float32(np.int32((met >> np.uint64(32)) & low)),
-            np.float32(np.int32(met >> np.uint64(48))),
-        )
+        c = np.float32(np.int32((met >> np.uint64(32)) & low))
+        f = np.float32(np.int32(met >> np.uint64(48)))
         # Catmull-Rom cubic through b and c
         c1 = half * (c - a)
         c2 = a - np.float32(2.5) * b + np.float32(2) * c - half * f

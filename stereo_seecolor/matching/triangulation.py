@@ -39,20 +39,16 @@ class RangeMaps:
         Ranges outside the limits become unknown; unknown pixels have no confidence and no standard
         error.
         """
-        shift_px, scale = (
-            np.float32(pair.cx_left_px - pair.cx_right_px),
-            np.float32(pair.focal_px * pair.baseline_m),
-        )
+        shift_px = np.float32(pair.cx_left_px - pair.cx_right_px)
+        scale = np.float32(pair.focal_px * pair.baseline_m)
         changed = (
             self.disparity[rows],
             self.confidence[rows],
             self.filled[rows],
             self.range_std_m[rows],
         )
-        found, limits = (
-            (self.depth_m[rows], self.range_m[rows]),
-            (np.float32(limits_m[0]), np.float32(limits_m[1])),
-        )
+        found = self.depth_m[rows], self.range_m[rows]
+        limits = np.float32(limits_m[0]), np.float32(limits_m[1])
         _measure(pair.ray_length[rows], changed, found, (shift_px, scale), limits)
 
     def range_map(self) -> RangeMap:

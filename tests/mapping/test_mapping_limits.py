@@ -18,7 +18,7 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.mapping import limits
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import SAMPLING, FrameIndex, PointSampling
-from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
+from stereo_seecolor.mapping.sizes import with_mosaic_cell, with_voxel
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
@@ -26,7 +26,6 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
 from stereo_seecolor.mapping.track import loops
-from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import Trajectory
 
 

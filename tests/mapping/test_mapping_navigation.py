@@ -89,7 +89,7 @@ def placed(
 
     monkeypatch.setattr(odometry, "follow", lambda _: copy_of(seen.followed))
     monkeypatch.setattr(placing, "by_pictures", own)
-    monkeypatch.setattr(spot_check_file, "detect", lambda frame, *_: seen.features[frame.name])
+    monkeypatch.setattr(spot_check_file, "features_of", lambda frame, *_: seen.features[frame.name])
 
     def run(
         change: Callable[[Poses], Poses],

@@ -19,6 +19,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.marker_tables import Places
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import check
@@ -140,7 +141,7 @@ def test_a_map_that_cannot_be_held_says_so(survey: Survey, monkeypatch: pytest.M
 def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(
     survey: Survey,
 ) -> None:
-    marks = Marks({}, EDGE_M, {}, {})
+    marks = Marks({}, EDGE_M, {}, Places({}, {}))
     nothing = first_fit(marks, np.tile(np.eye(4), (5, 1, 1)))
     assert (nothing.scale, nothing.scale_std) == (1.0, pytest.approx(0.005))
     assert "no marker constrains the map" in str(nothing)

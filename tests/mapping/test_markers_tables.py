@@ -12,7 +12,7 @@ from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.control_points import control_fit
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
-from stereo_seecolor.mapping.marker_tables import read_bars, read_places
+from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
 from stereo_seecolor.mapping.placed_markers import PlacedMarker
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.fiducials import Marks
@@ -181,7 +181,7 @@ def test_places_that_turn_the_map_upside_down_are_refused(exchange: str) -> None
         dict.fromkeys(range(3), own),
         None,
         {},
-        {number: (place, 0.01) for number, place in places.items()},
+        Places(places, dict.fromkeys(places, 0.01)),
     )
     with pytest.raises(
         MappingError, match="the surveyed positions put the bottom above the cameras"

@@ -32,7 +32,8 @@ def is_binary(path: Path) -> bool:
     read.
     """
     with path.open("rb") as file:
-        return _reader(file.read(HEADER_BYTES)) is not None
+        start = file.read(HEADER_BYTES)
+    return start.startswith(PICKLES) or _array_reader(start) is not None
 
 
 def load_binary(path: Path) -> Section:
@@ -48,7 +49,12 @@ def load_binary(path: Path) -> Section:
                 "file?"
             )
         raw = path.read_bytes()
-        read = _reader(raw[:HEADER_BYTES])
+        if raw.startswith(PICKLES):
+            raise CalibrationError(
+                "holds Python objects, which could run code: save K1, D1, K2, D2, R, T by "
+                "numpy.savez"
+            )
+        read = _array_reader(raw[:HEADER_BYTES])
         assert read is not None
         return Section(str(path), read(raw))
     except OSError as error:
@@ -75,20 +81,6 @@ def _array_reader(start: bytes) -> Callable[..., dict[str, Any]] | None:
     if start.startswith(b"PK\x03\x04"):
         return read_npz
     return read_one if start.startswith(b"\x93NUMPY") else None
-
-
-def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
-    if read := _array_reader(start):
-        return read
-    if start.startswith(PICKLES):
-        return _refuse_pickle
-    return None
-
-
-def _refuse_pickle(_: bytes) -> dict[str, Any]:
-    raise CalibrationError(
-        "holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez"
-    )
 
 
 def _read_mat5(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from calibration.bounded_text import (
     load_toml,
     load_xml,
     load_yaml,
+    values_of,
 )
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import NATIVE, added_formats
@@ -61,7 +62,7 @@ def load_document(path: Path) -> Section:
         raise CalibrationError(f"{path}: {kind}")
     try:
         content = _parse(text)
-        _check_bounded(content)
+        _refuse_long_integers(content)
         content = _with_numbers(content)
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from error
@@ -314,23 +315,12 @@ def _are_rows(element: ElementTree.Element) -> bool:
     return not any(len(child) or child.attrib for child in element)
 
 
-def _check_bounded(content: Any) -> None:
-    """Walk as a reader would, following YAML aliases, and stop at the limit."""
-    pending = [(content, 0)]
-    seen = 0
-    while pending:
-        value, depth = pending.pop()
-        seen += 1
-        if seen > MAX_VALUES or depth > MAX_DEPTH:
-            raise CalibrationError(TOO_MUCH)
+def _refuse_long_integers(content: Any) -> None:
+    for value in values_of(content, MAX_DEPTH):
         if isinstance(value, int) and abs(value) > MAX_INTEGER:
             raise CalibrationError(
                 "holds a whole number of more than 18 digits, which no calibration does"
             )
-        if isinstance(value, dict):
-            pending.extend((child, depth + 1) for child in value.values())
-        elif isinstance(value, list):
-            pending.extend((child, depth + 1) for child in value)
 
 
 def _one_line(error: Exception) -> str:

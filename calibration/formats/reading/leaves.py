@@ -23,6 +23,7 @@ from calibration.formats.reading.aliases import (
     TWO_SIDES,
     words_for,
 )
+from calibration.formats.reading.section import flat
 from calibration.geometry import rotation_of_quaternion
 
 Numbers = NDArray[np.float64]
@@ -123,7 +124,7 @@ def _is_stacked(value: Any) -> bool:
     return (
         isinstance(value, list)
         and len(value) == 2
-        and all(isinstance(one, list) and len(list(islice(_flat(one), 4))) > 3 for one in value)
+        and all(isinstance(one, list) and len(list(islice(flat(one), 4))) > 3 for one in value)
     )
 
 
@@ -167,21 +168,11 @@ def _numbers(value: Any) -> Numbers | None:
     try:
         items = [
             float("nan" if item is None else "bool" if isinstance(item, bool) else item)
-            for item in islice(_flat(value), MAX_NUMBERS + 1)
+            for item in islice(flat(value), MAX_NUMBERS + 1)
         ]
     except (TypeError, ValueError, OverflowError):
         return None
     return np.array(items) if 1 <= len(items) <= MAX_NUMBERS else None
-
-
-def _flat(value: Any) -> Iterator[Any]:
-    if isinstance(value, (list, tuple)):
-        for item in value:
-            yield from _flat(item)
-    elif isinstance(value, np.ndarray):
-        yield from value.ravel().tolist()
-    else:
-        yield value
 
 
 def _assembled(few: Mapping[str, Numbers], path: tuple[str, ...]) -> Iterator[Leaf]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.formats.ros import make_camera
+from calibration.formats.cameras import make_camera
 from calibration.rig import Camera, CameraModel
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def omni(xi: float, distortion: Array) -> Plane:
 
     def plane(d: Array) -> Array:
         m = d[:, :2] / (d[:, 2:] + xi * _length(d))
-        return m + _brown_terms(m)[..., [0, 1, 3, 4]] @ distortion
+        return m + brown_terms(m)[..., [0, 1, 3, 4]] @ distortion
 
     return plane
 
@@ -86,7 +86,7 @@ def metashape(radial: Array, tangential: Array, fisheye: bool) -> Plane:
     def plane(d: Array) -> Array:
         across = np.maximum(_across(d), 1e-12)
         m = d[:, :2] / across * np.arctan2(across, d[:, 2:]) if fisheye else d[:, :2] / d[:, 2:]
-        bent = _brown_terms(m) @ np.concatenate([radial[:3], tangential[::-1]])
+        bent = brown_terms(m) @ np.concatenate([radial[:3], tangential[::-1]])
         return np.asarray(m + bent + radial[3] * m * _across(m) ** 8)
 
     return plane
@@ -142,13 +142,13 @@ def _fit(d: Array, m: Array, model: CameraModel, K: Array) -> tuple[float, Camer
         terms = np.stack([d[:, :2] / across * angle ** (2 * n + 1) for n in range(5)], axis=-1)
     else:
         flat = d[:, :2] / d[:, 2:]
-        terms = np.concatenate([flat[..., None], _brown_terms(flat)[..., [0, 1, 3, 4, 2]]], axis=-1)
+        terms = np.concatenate([flat[..., None], brown_terms(flat)[..., [0, 1, 3, 4, 2]]], axis=-1)
     found, *_ = np.linalg.lstsq(terms.reshape(-1, terms.shape[-1]), m.ravel(), rcond=None)
     error = np.abs((terms @ found - m) * K[[0, 1], [0, 1]]).max()
     return float(error), model, found
 
 
-def _brown_terms(m: Array) -> Array:
+def brown_terms(m: Array) -> Array:
     """(n, 2, 5) what k1 k2 k3 p1 p2, as OpenCV counts them, add to x and to y."""
     x, y = m.T
     r2 = x**2 + y**2

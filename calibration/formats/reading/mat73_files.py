@@ -19,6 +19,7 @@ from calibration.formats.reading.mat_files import (
     Opaque,
 )
 from calibration.formats.reading.mat_objects import ObjectTable
+from calibration.formats.reading.numpy_files import damage_named
 
 SUBSYSTEM = "#subsystem#/MCOS"
 
@@ -35,17 +36,9 @@ def read_mat73(raw: bytes, most_bytes: int = MAX_INFLATED_BYTES) -> dict[str, An
             "is a MATLAB 7.3 file, which needs the package h5py: pip install h5py, or save it in "
             "MATLAB with save(..., '-v7')"
         ) from error
-    try:
-        with h5py.File(io.BytesIO(raw), "r") as file:
-            return _variables(_Mat73(file, most_bytes))
-    except CalibrationError:
-        raise
-    except Exception as error:
-        # h5py raises whatever the damage leads to: OSError, KeyError, RuntimeError, UnicodeError
-        # ...
-        raise CalibrationError(
-            f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
-        ) from error
+    # h5py raises whatever the damage leads to: OSError, KeyError, RuntimeError, UnicodeError ...
+    with damage_named((Exception,)), h5py.File(io.BytesIO(raw), "r") as file:
+        return _variables(_Mat73(file, most_bytes))
 
 
 def _variables(reader: "_Mat73") -> dict[str, Any]:

@@ -32,13 +32,15 @@ DAMAGED = (
 
 
 @contextmanager
-def _damage_named() -> Iterator[None]:
-    """Raise CalibrationError for what NumPy and zipfile raise of damaged files."""
+def damage_named(kinds: tuple[type[Exception], ...] = DAMAGED) -> Iterator[None]:
+    """Raise CalibrationError for what libraries raise of damaged files: NumPy and zipfile these
+    kinds.
+    """
     try:
         yield
     except CalibrationError:
         raise
-    except DAMAGED as error:
+    except kinds as error:
         raise CalibrationError(
             f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
         ) from error
@@ -49,7 +51,7 @@ def read_npz(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
 
     Raises CalibrationError for what is damaged, too large, or no array of numbers.
     """
-    with _damage_named(), zipfile.ZipFile(io.BytesIO(raw)) as archive:
+    with damage_named(), zipfile.ZipFile(io.BytesIO(raw)) as archive:
         if not any(info.filename.endswith(".npy") for info in archive.infolist()):
             names = ", ".join(info.filename for info in archive.infolist() if not info.is_dir())
             raise CalibrationError(
@@ -66,7 +68,7 @@ def read_npz(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
 
 def read_one(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
     """The array of a .npy, which its file's name names."""
-    with _damage_named():
+    with damage_named():
         return {"matrix": _parsed("its array", raw, most_bytes)}
 
 

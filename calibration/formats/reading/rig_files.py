@@ -11,20 +11,9 @@ from calibration.formats.reading.leaves import side_marks, words
 from calibration.formats.reading.section import Section
 
 SUFFIXES = (
-    ".yaml",
-    ".yml",
-    ".xml",
-    ".json",
-    ".txt",
-    ".mat",
-    ".npz",
-    ".cam",
-    ".conf",
-    ".toml",
-    ".npy",
-    ".csv",
-    ".krtd",
-)
+    ".yaml", ".yml", ".xml", ".json", ".txt", ".mat", ".npz", ".cam", ".conf", ".toml", ".npy",
+    ".csv", ".krtd",
+)  # fmt: skip
 MAX_FILES = 100  # read of one folder: a rig is a few files
 
 

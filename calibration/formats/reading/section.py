@@ -72,6 +72,17 @@ class Section:
             )
         return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
 
+    def listed(self, key: str, *wanted: str) -> list["Section"]:
+        """The mappings in the list under ``key``; none where one of them has none of the wanted
+        keys, or it is no such list.
+        """
+        entries = self.content.get(key)
+        if not isinstance(entries, list) or not all(
+            isinstance(one, Mapping) and any(name in one for name in wanted) for one in entries
+        ):
+            return []
+        return [Section(f"{self.where}: {key}: {i}", entry) for i, entry in enumerate(entries)]
+
     def text(self, key: str) -> str:
         """The word under ``key``."""
         value = self._value(key)
@@ -110,7 +121,7 @@ class Section:
                 f"{self.where}: {key}: expected {_any_of(counts)} numbers, got an array of shape "
                 f"{value.shape}"
             )
-        numbers = np.array([self._finite(key, item) for item in _flat(value)], dtype=np.float64)
+        numbers = np.array([self._finite(key, item) for item in flat(value)], dtype=np.float64)
         if counts and numbers.size not in counts:
             raise CalibrationError(
                 f"{self.where}: {key}: expected {_any_of(counts)} numbers, got {numbers.size}"
@@ -140,12 +151,13 @@ def _any_of(counts: tuple[int, ...]) -> str:
     return " or ".join(str(count) for count in counts)
 
 
-def _flat(value: Any) -> Iterator[Any]:
+def flat(value: Any) -> Iterator[Any]:
+    """The items of a list or an array, at any depth; of anything else the value itself."""
     if isinstance(value, np.ndarray):
         value = value.ravel().tolist()
-    if isinstance(value, list):
+    if isinstance(value, (list, tuple)):
         for item in value:
-            yield from _flat(item)
+            yield from flat(item)
     else:
         yield value
 

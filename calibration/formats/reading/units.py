@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.formats.reading.aliases import METERS
-from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M
+from calibration.geometry import rigid
+from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M, Camera, StereoRig
 
 GUESSES = (
     ("meters", 1.0, 0.0),
@@ -43,6 +44,14 @@ def to_meters(
                 f"{reason}: it is read as {unit}, {length * factor * 1000:.1f} mm",
             )
     return translation * (named or 1.0), ()
+
+
+def rig_in_meters(
+    left: Camera, right: Camera, T: NDArray[np.float64], stated: str | None, reading: str = ""
+) -> StereoRig:
+    """The rig of a transform (4, 4) whose translation is in the file's unit, with its doubts."""
+    shift, doubts = to_meters(T[:3, 3], stated)
+    return StereoRig(left, right, rigid(T[:3, :3], shift), doubts=doubts, reading=reading)
 
 
 def _possible(baseline_m: float) -> bool:

@@ -16,17 +16,9 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
 from stereo_seecolor.inputs.trajectories.degrees import read_degrees
-from stereo_seecolor.inputs.trajectories.held_fixes import (
-    MAX_GAP_S,
-    HeldFixes,
-    between_fixes,
-)
+from stereo_seecolor.inputs.trajectories.held_fixes import MAX_GAP_S, HeldFixes, between_fixes
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
-from stereo_seecolor.inputs.trajectories.times import (
-    AmbiguousDateError,
-    TimeError,
-    column_seconds,
-)
+from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds
 from stereo_seecolor.inputs.trajectories.vehicle_track import (
     Column,
     VehicleTrack,

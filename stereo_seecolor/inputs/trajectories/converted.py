@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.bounded_text import load_json
+from calibration.formats.reading.section import flat
 from stereo_seecolor.inputs.trajectories.columns import named
 from stereo_seecolor.inputs.trajectories.table import Lines
 
@@ -91,29 +92,21 @@ def _place(geometry: Any) -> dict[str, Any]:
 
 
 def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for key, value in record.items():
         name = f"{before}{key}"
         if isinstance(value, Mapping):
-            flat |= _flat(value, f"{name}.")
+            found |= _flat(value, f"{name}.")
         elif isinstance(value, list):
-            numbers = list(_numbers(value))
+            numbers = [float(one) for one in flat(value) if isinstance(one, int | float)]
             axes = {3: "xyz", 4: "xyzw"}.get(len(numbers))
             if axes:
-                flat |= {f"{name}.{axis}": one for axis, one in zip(axes, numbers, strict=True)}
+                found |= {f"{name}.{axis}": one for axis, one in zip(axes, numbers, strict=True)}
             elif len(numbers) in MATRICES:
-                flat[name] = numbers
+                found[name] = numbers
         elif value is not None:
-            flat[name] = value
-    return flat
-
-
-def _numbers(value: list[Any]) -> Iterator[float]:
-    for one in value:
-        if isinstance(one, list):
-            yield from _numbers(one)
-        elif isinstance(one, int | float):
-            yield float(one)
+            found[name] = value
+    return found
 
 
 def _matrix_row(record: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
+from stereo_seecolor.records import NEAR_FIX
 
 Array = NDArray[np.float64]
 
@@ -17,8 +18,6 @@ repeats its last fix.
 """
 MAX_GAP_S = 10.0
 """Acoustic positions come every few seconds; further apart, what lies between is not known."""
-NEAR = 0.125
-"""Of the time between two fixes: what lies so near to one of them is known in spite of that."""
 
 
 class HeldFixes(NamedTuple):
@@ -51,8 +50,8 @@ def between_fixes(times_s: Array, positions: Array) -> HeldFixes:
     of_gap_s = np.repeat(np.append(gap_s, gap_s[-1]), rows)
     part = (own_s - np.repeat(fixes_s, rows)) / of_gap_s  # of the way to the next fix
     is_last = np.repeat(np.arange(len(first)) == len(first) - 1, rows)
-    is_between = (part > NEAR) & (part < 1 - NEAR) & (of_gap_s > MAX_GAP_S)
-    found[known[np.where(is_last, part > NEAR, is_between)]] = np.nan
+    is_between = (part > NEAR_FIX) & (part < 1 - NEAR_FIX) & (of_gap_s > MAX_GAP_S)
+    found[known[np.where(is_last, part > NEAR_FIX, is_between)]] = np.nan
     note = (
         f"the positions repeat for up to {gap_s.max():.1f} s: each is one fix, at its first row, "
         "and after the last one nothing is known"

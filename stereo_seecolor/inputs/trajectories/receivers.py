@@ -128,10 +128,8 @@ def _gpx_row(attributes: str, inner: str) -> str:
 
 def _kml_rows(text: str) -> list[str]:
     found = list(_KML.finditer(text))
-    times, places = (
-        [match[1].strip() for match in found if match[1]],
-        [match for match in found if match[2]],
-    )
+    times = [match[1].strip() for match in found if match[1]]
+    places = [match for match in found if match[2]]
     return [f"{time},{place[3]},{place[2]}" for time, place in zip(times, places, strict=False)]
 
 

@@ -14,9 +14,7 @@ from calibration.errors import counted
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.names import folder_keys, stem_of_path
-from stereo_seecolor.geometry import (
-    interpolate,
-)
+from stereo_seecolor.geometry import interpolate
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.survey_frames import Unplaced

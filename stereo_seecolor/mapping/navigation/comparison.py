@@ -416,13 +416,8 @@ def _still(T_world_camera: Array, seen: SeenMotion, position_step_m: float) -> s
     """What to say of poses that stay while the pictures move: numbers that are not positions, or no
     attitudes; "" for others, and for positions rounded to more than the pictures move.
     """
-    edges = seen.spans or seen.edges
-    start = T_world_camera[[e.i for e in edges], :3, :3]
-    motions = Motions.of(T_world_camera, edges)
-    given, measured = (
-        np.einsum("nij,nj->ni", start, shift[:, :3, 3])[:, :2]
-        for shift in (motions.given, motions.measured)
-    )
+    motions = Motions.of(T_world_camera, seen.spans or seen.edges)
+    given, measured = (shift[:, :2] for shift in motions.shifts_in_world(T_world_camera))
     given_m, measured_m = (_median(np.linalg.norm(one, axis=1)) for one in (given, measured))
     if measured_m > max(MOVES_M, position_step_m) and given_m < STUCK * measured_m:
         scale = (given * measured).sum() / max((measured**2).sum(), 1e-12)

@@ -61,12 +61,5 @@ def constant_depths(T_world_camera: Array, seen: SeenMotion) -> str:
 
 def _rises(T: Array, seen: SeenMotion) -> tuple[Array, Array]:
     """How far frames rise, meters, along the given vertical: as given, and in the pictures."""
-    edges = [e for e in (seen.spans or seen.edges) if np.isfinite(T[[e.i, e.j]]).all()]
-    if not edges:
-        return np.zeros(0), np.zeros(0)
-    motions = Motions.of(T, edges)
-    up = T[[e.i for e in edges], 2, :3]
-    return (
-        np.einsum("ni,ni->n", up, motions.given[:, :3, 3]),
-        np.einsum("ni,ni->n", up, motions.measured[:, :3, 3]),
-    )
+    given_m, measured_m = Motions.of(T, seen.spans or seen.edges).shifts_in_world(T)
+    return given_m[:, 2], measured_m[:, 2]

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.motions import (
-    Motions,
-)
+from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.robust_statistics import weighted_median_and_error
 
@@ -45,27 +43,23 @@ def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) 
     """A line for the scale of given positions, T (N, 4, 4), and one for their jumps, where the
     edges of the pictures show them.
     """
-    posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
-    if len(posed) < SETTINGS.min_edges:
+    motions = Motions.of(T_world_camera, edges)
+    if len(motions.edges) < SETTINGS.min_edges:
         return []
-    return [
-        *_scale(Motions.of(T_world_camera, posed), posed),
-        *_jumps(T_world_camera, posed, index),
-    ]
+    return [*_scale(motions), *_jumps(T_world_camera, motions, index)]
 
 
-def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
+def _scale(motions: Motions) -> list[str]:
     """Long steps count most. Noise of positions lengthens steps, noise of attitudes shortens what
     lies along the measured one: the scale is what both show.
     """
     given, measured = motions.given[:, :3, 3], motions.measured[:, :3, 3]
     squared = (measured**2).sum(axis=1)
-    along, length = (
-        (given * measured).sum(axis=1) / squared,
-        np.sqrt((given**2).sum(axis=1) / squared),
-    )
-    frames = len({frame for e in edges for frame in (e.i, e.j)})
-    found = [weighted_median_and_error(ratios, squared, frames) for ratios in (along, length)]
+    along = (given * measured).sum(axis=1) / squared
+    length = np.sqrt((given**2).sum(axis=1) / squared)
+    found = [
+        weighted_median_and_error(ratios, squared, motions.frames) for ratios in (along, length)
+    ]
     scale, std = min(found, key=lambda one: abs(one[0] - 1))
     one_way = (found[0][0] - 1) * (found[1][0] - 1) > 0
     if not one_way or abs(scale - 1) < max(SETTINGS.least_scale, SETTINGS.sigmas * std):
@@ -77,17 +71,13 @@ def _scale(motions: Motions, edges: Sequence[Edge]) -> list[str]:
     ]
 
 
-def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
+def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
     """Between frames that follow each other: how far given positions are off, by all edges over
     that place.
     """
-    motions = Motions.of(T, edges)
-    rank = index.rank[[[e.i, e.j] for e in edges]]
-    off_m = np.einsum(
-        "nij,nj->ni",
-        T[[e.i for e in edges], :3, :3],
-        motions.given[:, :3, 3] - motions.measured[:, :3, 3],
-    )
+    rank = index.rank[[[e.i, e.j] for e in motions.edges]]
+    given_m, measured_m = motions.shifts_in_world(T)
+    off_m = given_m - measured_m
     off_m *= np.sign(rank[:, 1] - rank[:, 0])[:, None]
     first, last = rank.min(axis=1), rank.max(axis=1)
     if (last - first > SETTINGS.most_frames).all():
@@ -96,10 +86,8 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
         np.flatnonzero((last - first > step) & (last - first <= SETTINGS.most_frames))
         for step in range(SETTINGS.most_frames)
     ]
-    edge, place = (
-        np.concatenate(steps),
-        np.concatenate([first[over] + step for step, over in enumerate(steps)]),
-    )
+    edge = np.concatenate(steps)
+    place = np.concatenate([first[over] + step for step, over in enumerate(steps)])
     by_place = np.argsort(place, kind="stable")
     places, starts = np.unique(place[by_place], return_index=True)
     # at 1 + the rank of the frame before, between neighbors that are never off
@@ -109,8 +97,7 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
         for own in np.split(edge[by_place], starts[1:])
     ]
     limit_m = max(
-        SETTINGS.least_jump_m,
-        SETTINGS.times_median * float(np.median(jump_m[1 + places])),
+        SETTINGS.least_jump_m, SETTINGS.times_median * float(np.median(jump_m[1 + places]))
     )
     peak = (jump_m[1:-1] > limit_m) & (jump_m[1:-1] >= jump_m[:-2]) & (jump_m[1:-1] > jump_m[2:])
     if not peak.any():

@@ -11,10 +11,8 @@ from stereo_seecolor.geometry import interpolate, inverse
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import poses_at
 from stereo_seecolor.mapping.survey import Placement
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import NEAR_FIX, Trajectory
 
-NEAR = 0.125
-"""Of the time between two fixes: a frame is compared that lies so near to one."""
 LONG_STEP = 2.0
 """Median steps between frames: over longer ones it is not known how the camera moved."""
 
@@ -44,7 +42,7 @@ def fix_frames(
     fixes = poses_at(rows_s, poses[rows[first]], fixes_s)
     nearest_s = np.minimum(np.append(gap_s, np.inf), np.append(np.inf, gap_s))
     usable = (
-        (np.abs(off_s) <= NEAR * nearest_s)
+        (np.abs(off_s) <= NEAR_FIX * nearest_s)
         & (np.abs(off_s) <= np.abs(step_s))
         & (np.abs(step_s) <= LONG_STEP * np.median(np.diff(times_s)))
         & (own.components[i] == own.components[j])

@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import (
-    pose,
-    rotation_from_vector,
-)
+from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign, clock_difference
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
@@ -68,12 +65,10 @@ def at_fixes(
     """
     read = assign(index, trajectory, config).T_world_camera
     fixes = read[:, :3, 3]
-    T, components, unplaced, warnings = (
-        own.T_world_camera.copy(),
-        own.components.copy(),
-        [*own.unplaced],
-        [],
-    )
+    T = own.T_world_camera.copy()
+    components = own.components.copy()
+    unplaced = [*own.unplaced]
+    warnings = []
     for component in range(len(own.sizes)):
         frames = own.frames_of(component)
         fixed = frames[np.isfinite(fixes[frames]).all(axis=1)]

@@ -12,9 +12,7 @@ from stereo_seecolor.geometry import inverse, quaternion
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.angles import of_other_angles
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
-from stereo_seecolor.mapping.navigation.motions import (
-    misfit,
-)
+from stereo_seecolor.mapping.navigation.motions import Motions, misfit
 from stereo_seecolor.mapping.navigation.mount import north_of
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -72,11 +70,7 @@ def named(readings: Sequence[PoseReading]) -> str:
 
 
 def interpretations(
-    T: Array,
-    seen: SeenMotion,
-    index: FrameIndex,
-    trajectory: Trajectory,
-    config: MappingConfig,
+    T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
 ) -> Iterator[tuple[str, Array]]:
     """List all other readings of the poses. T: (N, 4, 4) as read. seen: as the pictures show
     them.
@@ -193,11 +187,9 @@ def _of_other_north(T: Array, seen: SeenMotion) -> Iterator[tuple[str, Array]]:
 
 def _of_other_units(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Array]]:
     """Positions times a number, the median of what the edges show."""
-    posed = [edge for edge in edges if np.isfinite(T[[edge.i, edge.j]]).all()]
-    if not posed:
+    given_m, measured_m = Motions.of(T, edges).shifts_in_world(T)
+    if not len(given_m):
         return
-    given_m = np.array([T[edge.j, :3, 3] - T[edge.i, :3, 3] for edge in posed])
-    measured_m = np.array([T[edge.i, :3, :3] @ edge.T_i_j[:3, 3] for edge in posed])
     squared = (measured_m**2).sum(axis=1)
     scale = weighted_median((given_m * measured_m).sum(axis=1) / squared, squared)
     if scale > SETTINGS.least_scale or 0 < scale < 1 / SETTINGS.least_scale:

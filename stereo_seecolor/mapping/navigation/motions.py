@@ -28,6 +28,7 @@ class Motions:
 
     given: Array
     measured: Array
+    edges: Sequence[Edge] = ()
 
     @classmethod
     def of(cls, T_world_camera: Array, edges: Sequence[Edge]) -> "Motions":
@@ -35,7 +36,22 @@ class Motions:
         posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
         i, j = [e.i for e in posed], [e.j for e in posed]
         measured = np.array([e.T_i_j for e in posed]).reshape(-1, 4, 4)
-        return cls(inverse(T_world_camera[i]) @ T_world_camera[j], measured)
+        return cls(inverse(T_world_camera[i]) @ T_world_camera[j], measured, posed)
+
+    @property
+    def frames(self) -> int:
+        """How many frames the edges join."""
+        return len({frame for e in self.edges for frame in (e.i, e.j)})
+
+    def shifts_in_world(self, T_world_camera: Array) -> tuple[Array, Array]:
+        """The given and the measured shifts, (E, 3) meters along the world's axes, both by the
+        given attitudes of the first frames.
+        """
+        R = T_world_camera[[e.i for e in self.edges], :3, :3]
+        given, measured = (
+            np.einsum("nij,nj->ni", R, T[:, :3, 3]) for T in (self.given, self.measured)
+        )
+        return given, measured
 
     @property
     def position_m(self) -> Array:
@@ -96,10 +112,7 @@ def misfits(T_world_camera: Array, edges: Sequence[Edge]) -> Array:
     TURN_AS_STEP_RAD.
     """
     motions = Motions.of(T_world_camera, edges)
-    return np.hypot(
-        motions.position_m / motions.step_m,
-        motions.attitude_rad / TURN_AS_STEP_RAD,
-    )
+    return np.hypot(motions.position_m / motions.step_m, motions.attitude_rad / TURN_AS_STEP_RAD)
 
 
 def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:

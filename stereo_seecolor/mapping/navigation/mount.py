@@ -115,21 +115,15 @@ def north_of(T_world_camera: Array, edges: Sequence[Edge]) -> North:
     """Find the angle between headings and positions; unlike a turn of the camera on its vehicle it
     does not turn what the camera sees of its own rotation.
     """
-    posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
-    if not posed:
+    motions = Motions.of(T_world_camera, edges)
+    if not motions.edges:
         return North(0.0, np.inf)
-    motions = Motions.of(T_world_camera, posed)
-    R = T_world_camera[[e.i for e in posed], :3, :3]
-    given, measured = (
-        np.einsum("nij,nj->ni", R, one[:, :3, 3])[:, :2] @ [1, 1j]
-        for one in (motions.given, motions.measured)
-    )
+    given, measured = (shift[:, :2] @ [1, 1j] for shift in motions.shifts_in_world(T_world_camera))
     across = given * np.conj(measured)
     middle = np.angle(across.sum())
     angles, weights = np.angle(across * np.exp(-1j * middle)), np.abs(measured) ** 2
     # each frame is in several edges
-    frames = len({frame for e in posed for frame in (e.i, e.j)}) / 2
-    beside, std_rad = weighted_median_and_error(angles, weights, frames)
+    beside, std_rad = weighted_median_and_error(angles, weights, motions.frames / 2)
     return North(float(middle + beside), std_rad)
 
 

@@ -4,6 +4,7 @@ no track must be followed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
-from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
+from stereo_seecolor.mapping.survey_frames import Frames
+from stereo_seecolor.mapping.track.features import Features, FeatureSettings
 from stereo_seecolor.mapping.track.loops import Pairs, by_overlap
-from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.mapping.track.track_work import Relating
+from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
+from stereo_seecolor.mapping.track.track_work import features_of
 
 QUICK = FeatureSettings(max_width_px=480, max_features=800)
 """A quarter of the track's pixels: a pose is exact to some millimeters, at a fifth of the cost."""
@@ -73,36 +74,18 @@ def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
 def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
     order = survey.index.order
     ranks = sorted({rank for pair in pairs for rank in pair})
-    features: list[Features] = []
-    for found in survey.compute.each(
-        _QuickDetection(survey.frames, survey.geometry), [int(order[rank]) for rank in ranks]
-    ):
-        features.append(found)
+    features: dict[int, Features] = {}
+    work = partial(_quick_features, survey.frames, survey.geometry)
+    found = survey.compute.each(work, [int(order[rank]) for rank in ranks])
+    for rank, own in zip(ranks, found, strict=True):
+        features[rank] = own
         survey.progress("checking the given poses", len(features), len(ranks))
-    place = {rank: i for i, rank in enumerate(ranks)}
-    relating = Relating(features, survey.geometry)
-    relations = ((a, b, relating(((place[a], place[b]), None))) for a, b in pairs)
-    return [
-        Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a))
-        for a, b, r in relations
-        if r
-    ]
+    relations = ((a, b, relative_pose(features[a], features[b], survey.geometry)) for a, b in pairs)
+    return [Edge.of(order, a, b, relation) for a, b, relation in relations if relation]
 
 
-@dataclass(frozen=True, eq=False)
-class _QuickDetection:
-    """Finds the features of the frame of a number, as an object that can be sent to another
-    process.
-    """
-
-    frames: Frames
-    geometry: RectifiedPair
-
-    def __call__(self, number: int) -> Features:
-        frame = self.frames[number]
-        return (
-            Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry, QUICK)
-        )
+def _quick_features(frames: Frames, geometry: RectifiedPair, number: int) -> Features:
+    return features_of(frames[number], geometry, QUICK)
 
 
 def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> float:

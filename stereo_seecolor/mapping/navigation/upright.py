@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import (
-    pose,
-    rotation_to_z,
-    transform_points,
-)
+from stereo_seecolor.geometry import pose, rotation_to_z, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
 

@@ -1,7 +1,7 @@
 """Gaps of a map: cells without a height between cells that have one, and why they have none."""
 
-from collections import OrderedDict
 from enum import IntEnum
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M
-from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
-from stereo_seecolor.records import Map
+from stereo_seecolor.mapping.survey_frames import Unplaced
+from stereo_seecolor.records import Map, SurveyFrame
 
 Floats = NDArray[np.float64]
 
@@ -86,6 +86,7 @@ def gap_cells(
         slice(rows.start - margin, rows.stop + margin),
         slice(columns.start - margin, columns.stop + margin),
     )[0]
+    inner = np.s_[margin : heights.shape[0] - margin, margin : heights.shape[1] - margin]
     known = np.isfinite(heights)
     closed = cv2.blur(known.astype(np.float32), (3, 3)) >= CLOSED
     beside = np.stack(
@@ -95,8 +96,7 @@ def gap_cells(
             _beside(heights.T, margin).T,
             _beside(heights.T[:, ::-1], margin)[:, ::-1].T,
         ]
-    )[:, margin : heights.shape[0] - margin, margin : heights.shape[1] - margin]
-    inner = np.s_[margin : heights.shape[0] - margin, margin : heights.shape[1] - margin]
+    )[:, *inner]
     open_cells = ~(known | closed)[inner] & (np.isfinite(beside).sum(axis=0) >= SIDES)
     places = np.argwhere(open_cells)
     around = beside[:, places[:, 0], places[:, 1]]
@@ -121,8 +121,8 @@ class _Ranges:
     def __init__(self, component: Component) -> None:
         survey = component.survey
         self.component, self.geometry = component, survey.geometry
-        self._frames: Frames = survey.frames
-        self._held: OrderedDict[int, Map | None] = OrderedDict()
+        frames = survey.frames  # not of self, which would then hold itself in memory
+        self.read = lru_cache(KEPT_FRAMES)(lambda number: _range_m(frames[number]))
         numbers = [int(i) for i in component.frames if len(survey.index.points_m[i])]
         self._numbers = np.array(numbers, np.int64)
         self._reach_m = np.array(
@@ -139,15 +139,10 @@ class _Ranges:
         away_m = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0), axis=1)
         return [int(i) for i in self._numbers[away_m <= self._reach_m * (1 + SAME_RANGE)]]
 
-    def read(self, number: int) -> Map | None:
-        """None where the frame is lost."""
-        if number not in self._held:
-            frame = self._frames[number]
-            self._held[number] = None if isinstance(frame, Unplaced) else frame.range_m
-            while len(self._held) > KEPT_FRAMES:
-                self._held.popitem(last=False)
-        self._held.move_to_end(number)
-        return self._held[number]
+
+def _range_m(frame: SurveyFrame | Unplaced) -> Map | None:
+    """None where the frame is lost."""
+    return None if isinstance(frame, Unplaced) else frame.range_m
 
 
 def _reasons(points: Floats, ranges: _Ranges, least_m: float) -> NDArray[np.uint8]:

@@ -128,10 +128,8 @@ def write_geotiff(
 
     grid, floating = raster.grid, raster.dtype == np.float32
     codes = not floating and raster.bands == 1
-    west_m, north_m = (
-        grid.west_m + float(place.offset_m[0]),
-        grid.north_m + float(place.offset_m[1]),
-    )
+    west_m = grid.west_m + float(place.offset_m[0])
+    north_m = grid.north_m + float(place.offset_m[1])
     profile = {
         "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0],
         "width": grid.shape[1],

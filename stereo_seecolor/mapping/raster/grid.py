@@ -1,9 +1,20 @@
 """The grid of a raster map: where its cells lie."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+def bounds(parts: Iterable[NDArray[np.floating]]) -> tuple[Any, Any]:
+    """The lowest and the highest of points (n, k), part by part: (k,) each; infinite without."""
+    low, high = np.inf, -np.inf
+    for points in parts:
+        if len(points):
+            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    return low, high
 
 
 @dataclass(frozen=True)

@@ -174,10 +174,8 @@ def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
     for rows, columns in terrain.windows():
         x, y = terrain.grid.centers(rows, columns)
         corners = grid.pixels(np.array([[x[0, 0], y[0, 0]], [x[-1, -1], y[-1, -1]]]))
-        first, last = (
-            np.floor((corners - 1) / BLOCK_PX).astype(int),
-            np.floor((corners + 1) / BLOCK_PX).astype(int),
-        )
+        first = np.floor((corners - 1) / BLOCK_PX).astype(int)
+        last = np.floor((corners + 1) / BLOCK_PX).astype(int)
         for row in range(max(first[0, 1], 0), last[1, 1] + 1):
             blocks |= {(row, column) for column in range(max(first[0, 0], 0), last[1, 0] + 1)}
     sides = [
@@ -296,11 +294,9 @@ def _seen(
     """
     sight, T_local_camera = view
     shape = cells.z_m.shape
-    color, cost, weight = (
-        np.zeros((*shape, 3), np.uint8),
-        np.empty(shape, np.float32),
-        np.zeros(shape, np.float32),
-    )
+    color = np.zeros((*shape, 3), np.uint8)
+    cost = np.empty(shape, np.float32)
+    weight = np.zeros(shape, np.float32)
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
     limits = np.array(
         [
@@ -341,12 +337,8 @@ def _compared(
     boxes = np.column_stack([boxes, ends - sizes.prod(axis=1)])
     mean = np.zeros((*shape, 3), np.float32)
     cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
-    in_parts(
-        lambda first, last: agree(
-            boxes, color, cost, weight, cost_a_level, MOSAIC_SETTINGS.outlier, mean, first, last
-        ),
-        len(mean),
-    )
+    outlier = MOSAIC_SETTINGS.outlier
+    in_parts(partial(agree, boxes, color, cost, weight, cost_a_level, outlier, mean), len(mean))
     views = [
         SeenCells(part, own_color.reshape(*size, 3), own_cost.reshape(size))
         for part, size, own_color, own_cost in zip(

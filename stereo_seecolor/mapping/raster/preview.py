@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.mapping.raster.grid import bounds
 from stereo_seecolor.mapping.raster.rasterize import rasterize
 from stereo_seecolor.mapping.surface.surface import Surface
 
@@ -20,19 +21,13 @@ def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint
     gives the tiles again on each call.
     """
     R = _view()
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for surface in surfaces():
-        if len(surface.points_m):
-            seen = surface.points_m @ R[:2].T
-            low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+    low, high = bounds(surface.points_m @ R[:2].T for surface in surfaces())
     if not np.isfinite(low).all():
         return np.full((64, 64, 3), BACKGROUND, np.uint8)
     pixel_m = float((high - low).max()) / LONGER_SIDE_PX
     shape = tuple(int(n) + 3 for n in ((high - low) / pixel_m)[::-1])
-    depth, image = (
-        np.full(shape, np.nan, np.float32),
-        np.full((*shape, 3), float(BACKGROUND), np.float32),
-    )
+    depth = np.full(shape, np.nan, np.float32)
+    image = np.full((*shape, 3), float(BACKGROUND), np.float32)
     for surface in surfaces():
         seen = surface.points_m.astype(np.float64) @ R.T
         points = np.stack(

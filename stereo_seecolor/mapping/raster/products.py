@@ -18,7 +18,7 @@ from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.gaps import render_gaps
 from stereo_seecolor.mapping.raster.georeference import Georeference
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.grid import Grid, bounds
 from stereo_seecolor.mapping.raster.mosaic import render_mosaic
 from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import ReefMetrics, measure_squares, site_of
@@ -48,7 +48,7 @@ class Rasters:
         cls, component: Component, surfaces: Surfaces, config: MappingConfig, scratch: Path
     ) -> "Rasters | None":
         """Render all rasters of a component; None where there is no surface."""
-        low, high = _extent(surfaces())
+        low, high = bounds(surface.points_m for surface in surfaces())
         if not np.isfinite(low).all():
             return None
         terrain = render_terrain(
@@ -102,17 +102,6 @@ def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterat
     return Threads(cores()).each(lambda work: work(), works)
 
 
-def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for surface in surfaces:
-        if len(surface.points_m):
-            low, high = (
-                np.minimum(low, surface.points_m.min(axis=0)),
-                np.maximum(high, surface.points_m.max(axis=0)),
-            )
-    return low, high
-
-
 def _reduced(mosaic: BlockRaster) -> NDArray[np.uint8]:
     """(h, w, 4) of at most about 3000 px a side."""
     step = 2 ** max(0, int(np.ceil(np.log2(max(mosaic.grid.shape) / PREVIEW_PX))))
@@ -155,11 +144,8 @@ def _write_csv(path: Path, squares: BlockRaster, place: Georeference) -> Path:
         writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
         writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site)])
         for row, column, values in seen:
-            x, y = (
-                grid.west_m + (column + 0.5) * grid.cell_m,
-                grid.north_m - (row + 0.5) * grid.cell_m,
-            )
-            x, y = x + place.offset_m[0], y + place.offset_m[1]
+            x = grid.west_m + (column + 0.5) * grid.cell_m + place.offset_m[0]
+            y = grid.north_m - (row + 0.5) * grid.cell_m + place.offset_m[1]
             writer.writerow(
                 [f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)]
             )

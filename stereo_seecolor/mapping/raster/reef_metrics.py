@@ -18,6 +18,7 @@ height_range_m: highest less lowest cell, after the plane was taken out.
 """
 
 from dataclasses import astuple, dataclass, fields
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -138,12 +139,11 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
     shape = -(-terrain.grid.shape[0] // size), -(-terrain.grid.shape[1] // size)
     grid = Grid(terrain.grid.west_m, terrain.grid.north_m, size * cell_m, shape)
     squares = BlockRaster(folder, grid, len(ReefMetrics.names()), np.float32, np.nan)
-    wanted = set()
-    for rows, columns in terrain.windows():
-        for row in range(rows.start // size, -(-rows.stop // size)):
-            wanted |= {
-                (row, column) for column in range(columns.start // size, -(-columns.stop // size))
-            }
+    wanted = {
+        place
+        for window in terrain.windows()
+        for place in product(*(range(side.start // size, -(-side.stop // size)) for side in window))
+    }
     for row, column in sorted(wanted):
         heights = terrain.read(
             slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size)

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.mapping.raster.reef_metrics import (
-    surface_rugosity,
-)
+from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity
 
 Heights = NDArray[np.float64]
 
@@ -38,14 +36,14 @@ STUDENT = {2: 2.195, 3: 1.624}
 class Rdh:
     """The three metrics of a square.
 
-    rugosity_hvar: from height ranges at the finest edge. rugosity_area: area of the surface over
-    its planar area (Jenness 2004).
+    rugosity_area: area of the surface over its planar area (Jenness 2004). rugosity_hvar: from
+    height ranges at the finest edge.
     fractal_dimension: 2 for flat, to 3. height_range_m: highest less lowest. NaN where too little
     was seen.
     """
 
-    rugosity_hvar: float
     rugosity_area: float
+    rugosity_hvar: float
     fractal_dimension: float
     height_range_m: float
 

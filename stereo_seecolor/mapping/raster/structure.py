@@ -3,7 +3,7 @@ them, and standard error.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from stereo_seecolor.mapping.raster.reef_metrics import (
     vector_ruggedness,
 )
 from stereo_seecolor.mapping.raster.square_metrics import (
-    Rdh,
     dimension,
     dimension_std,
     height_ranges,
@@ -131,9 +130,7 @@ class SitePart:
 
         def of_square(window: Window) -> float:
             heights, own_m = heights_m[window].ravel(), std_m[window].ravel()
-            return float(
-                own_m[np.nanargmax(heights)] ** 2 + own_m[np.nanargmin(heights)] ** 2,
-            )
+            return float(own_m[np.nanargmax(heights)] ** 2 + own_m[np.nanargmin(heights)] ** 2)
 
         every = self.squares.values()
         return np.array([sum(of_square(window) for window in windows) for windows in every])
@@ -255,7 +252,7 @@ def numbers_of(heights: Array, cell_m: float, windows: list[Window]) -> Array:
     """(N, 5) the numbers of squares, but the mesh's."""
     return np.array(
         [
-            (*_of_rdh(rdh(heights[w], cell_m)), vector_ruggedness(heights[w], cell_m))
+            (*astuple(rdh(heights[w], cell_m)), vector_ruggedness(heights[w], cell_m))
             for w in windows
         ]
     )
@@ -297,10 +294,6 @@ def _derived(edges_m: Array, squared: Array) -> Array:
     of_area, of_ranges = np.sqrt(1 + np.maximum(squared[[0, 2]], 0))
     fractal = np.clip(dimension(edges_m, ranges_m), 2, 3)
     return np.array([of_area, of_ranges, fractal, ranges_m[0], max(squared[1], 0)])
-
-
-def _of_rdh(own: Rdh) -> tuple[float, ...]:
-    return own.rugosity_area, own.rugosity_hvar, own.fractal_dimension, own.height_range_m
 
 
 def _with_mesh(terrain: Terrain, area: Array, windows: list[Window]) -> Array:

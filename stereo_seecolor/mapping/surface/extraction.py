@@ -1,6 +1,7 @@
 """Extraction of the surface from a tile's voxels by marching cubes, on all cores."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,33 +61,19 @@ def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
     """
     blocks = len(volume.blocks)
     around = np.empty((blocks, 27), np.int32)
-    in_parts(lambda first, last: neighbors(volume.blocks, around, first, last), blocks, PART_BLOCKS)
+    in_parts(partial(neighbors, volume.blocks, around), blocks, PART_BLOCKS)
     cubes = _Cubes.of(volume, own, around)
     counts = np.zeros(blocks, np.int64)
-    in_parts(
-        lambda first, last: count_points(cubes.numbers, counts, first, last), blocks, PART_BLOCKS
-    )
+    in_parts(partial(count_points, cubes.numbers, counts), blocks, PART_BLOCKS)
     starts, points = _starts(counts), int(counts.sum())
     positions, normals = np.empty((points, 3), np.float32), np.empty((points, 3), np.float32)
     colors = np.empty((points, 3), np.uint8)
-
-    def place_part(first: int, last: int) -> None:
-        voxels = volume.tsdf, volume.weight, volume.color, volume.color_weight
-        placed = positions, normals, colors
-        place_points(
-            volume.blocks,
-            around,
-            voxels,
-            MIN_WEIGHT,
-            volume.voxel_m,
-            cubes.numbers,
-            starts,
-            placed,
-            first,
-            last,
-        )
-
-    in_parts(place_part, blocks, PART_BLOCKS)  # it numbers the points, which the triangles refer to
+    voxels = volume.tsdf, volume.weight, volume.color, volume.color_weight
+    place = partial(
+        place_points, volume.blocks, around, voxels, MIN_WEIGHT, volume.voxel_m, cubes.numbers,
+        starts, (positions, normals, colors),
+    )  # fmt: skip
+    in_parts(place, blocks, PART_BLOCKS)  # it numbers the points, which the triangles refer to
     return Surface(positions, normals, colors, cubes.triangles(own, around))
 
 
@@ -109,13 +96,8 @@ class _Cubes:
         numbers = np.full((*volume.tsdf.shape, 3), -1, np.int32)
         counts = np.zeros(len(volume.blocks), np.int64)
         tables, found = (*cube_cases(), EDGES), (cases, numbers, counts)
-
-        def find_part(first: int, last: int) -> None:
-            find_cases(
-                own, around, volume.tsdf, volume.weight, MIN_WEIGHT, tables, found, first, last
-            )
-
-        in_parts(find_part, len(own), PART_BLOCKS)
+        voxels = volume.tsdf, volume.weight, MIN_WEIGHT
+        in_parts(partial(find_cases, own, around, *voxels, tables, found), len(own), PART_BLOCKS)
         return cls(cases, numbers, counts)
 
     def triangles(self, own: NDArray[np.int64], around: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -125,11 +107,8 @@ class _Cubes:
         starts = _starts(self.counts)
         tables, found = (*cube_cases(), EDGES), (self.cases, self.numbers)
         indices = np.empty((self.counts.sum(), 3), np.int32)
-
-        def list_part(first: int, last: int) -> None:
-            list_triangles(own, around, tables, found, starts, indices, first, last)
-
-        in_parts(list_part, len(own), PART_BLOCKS)
+        listed = partial(list_triangles, own, around, tables, found, starts, indices)
+        in_parts(listed, len(own), PART_BLOCKS)
         return indices
 
 

@@ -179,14 +179,10 @@ def integrate(
                 row, column = np.uint64(v), np.uint64(u)
                 # Compared by depth, which is the same all over a pixel that looks at level ground;
                 # range is not.
-                measured, ray_length = (
-                    depth_m[row, column],
-                    np.sqrt(1 + across * across + down * down),
-                )
-                signed, reach_m = (
-                    (measured - z) * ray_length,
-                    truncation_m * slant_factor[row, column],
-                )
+                measured = depth_m[row, column]
+                ray_length = np.sqrt(1 + across * across + down * down)
+                signed = (measured - z) * ray_length
+                reach_m = truncation_m * slant_factor[row, column]
                 if signed < -reach_m:
                     continue
                 # free space: as certain as a measurement at the voxel's own distance

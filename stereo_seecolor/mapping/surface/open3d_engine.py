@@ -42,10 +42,8 @@ def fuse_tile(
     )
     K = core.Tensor(np.ascontiguousarray(geometry.P_left[:, :3], np.float64))
     for frame, T_world_camera in frames:
-        depth_m, T_camera_world = (
-            _certain_depth_m(frame, geometry, voxel_m),
-            inverse(T_world_camera),
-        )
+        depth_m = _certain_depth_m(frame, geometry, voxel_m)
+        T_camera_world = inverse(T_world_camera)
         blocks = tile.blocks[
             _in_view(tile.blocks, T_camera_world, geometry, voxel_m, float(depth_m.max()))
         ]
@@ -99,17 +97,13 @@ def _in_view(
     x, y, z = (
         ((blocks + 0.5) * BLOCK * voxel_m) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     ).T
-    radius_m, (width, height), f = (
-        np.sqrt(0.75) * BLOCK * voxel_m,
-        geometry.image_size,
-        geometry.focal_px,
-    )
+    radius_m = np.sqrt(0.75) * BLOCK * voxel_m
+    width, height = geometry.image_size
+    f = geometry.focal_px
     near_m = np.maximum(z, 2 * radius_m)
-    u, v, margin_px = (
-        f * x / near_m + geometry.cx_left_px,
-        f * y / near_m + geometry.cy_px,
-        f * radius_m / (near_m - radius_m),
-    )
+    u = f * x / near_m + geometry.cx_left_px
+    v = f * y / near_m + geometry.cy_px
+    margin_px = f * radius_m / (near_m - radius_m)
     inside = (
         (u > -margin_px) & (u < width + margin_px) & (v > -margin_px) & (v < height + margin_px)
     )
@@ -130,11 +124,9 @@ def _own_part(mesh: Any, tile: Tile, tiling: Tiling) -> Surface:
     triangles = mesh.triangle.indices.numpy()
     column = np.floor(points[triangles].mean(axis=1, dtype=np.float64)[:, :2] / tiling.tile_m)
     chosen, triangles = only_used(triangles[(column == tile.column).all(axis=1)], len(points))
-    points, normals, colors = (
-        points[chosen],
-        mesh.vertex.normals.numpy()[chosen],
-        mesh.vertex.colors.numpy()[chosen],
-    )
+    points = points[chosen]
+    normals = mesh.vertex.normals.numpy()[chosen]
+    colors = mesh.vertex.colors.numpy()[chosen]
     order, numbers = _distinct(points, np.concatenate([normals, colors], axis=1))
     whole = np.rint(np.clip(colors[order], 0, 255)).astype(np.uint8)
     return Surface(points[order], normals[order], whole, _ordered(numbers[triangles]))

@@ -3,6 +3,7 @@ their signed distance is zero.
 """
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +52,9 @@ def _integrate(
     seen = np.empty(len(windows), np.bool_)
     in_sight(windows, nearest_m, measured.deepest_m, truncation_m, seen)
     chosen = np.flatnonzero(seen)
-
-    def integrate_part(first: int, last: int) -> None:
-        integrate(
-            volume.blocks, volume.tsdf, volume.weight, volume.color, volume.color_weight,
-            frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight,
-            measured.slant_factor,
-            camera, T_camera_world, voxel_m, truncation_m, chosen, first, last,
-        )  # fmt: skip
-
-    in_parts(integrate_part, len(chosen), PART_BLOCKS)
+    work = partial(
+        integrate, volume.blocks, volume.tsdf, volume.weight, volume.color, volume.color_weight,
+        frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight,
+        measured.slant_factor, camera, T_camera_world, voxel_m, truncation_m, chosen,
+    )  # fmt: skip
+    in_parts(work, len(chosen), PART_BLOCKS)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from stereo_seecolor.mapping.surface.connected_parts import connected_parts, triangle_areas
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +30,18 @@ class Surface:
         """The connected part of the surface that each point belongs to: (V,) int64, numbered from
         0.
         """
-        parts: NDArray[np.int64] = connected_parts(self.triangles, len(self.points_m))
-        return parts
+        one, other = self.triangles[:, :2].ravel(), self.triangles[:, 1:].ravel()
+        joined, count = np.ones(len(one), np.int8), len(self.points_m)
+        edges = csr_array((joined, (one, other)), shape=(count, count))
+        return connected_components(edges, directed=False)[1].astype(np.int64)
 
     @property
     def areas_m2(self) -> NDArray[np.float64]:
         """The area of each triangle: (T,) float64."""
-        areas: NDArray[np.float64] = triangle_areas(self.points_m, self.triangles)
-        return areas
+        a, b, c = (self.points_m[self.triangles[:, k]].astype(np.float64).T for k in range(3))
+        (x, y, z), (u, v, w) = b - a, c - a
+        doubled = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
+        return np.asarray(doubled / 2)
 
     def only(self, kept: NDArray[np.bool_]) -> "Surface":
         """Select the points that are kept (V,), and the triangles whose first point is; all points

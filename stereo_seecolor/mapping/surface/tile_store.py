@@ -60,10 +60,8 @@ class TileStore:
 
 
 def _key(tiling: Tiling, component: Component, engine: str) -> str:
-    poses, checksums = (
-        component.T_local_camera[component.frames],
-        component.survey.index.checksums[component.frames],
-    )
+    poses = component.T_local_camera[component.frames]
+    checksums = component.survey.index.checksums[component.frames]
     digest = hashlib.sha256(
         poses.tobytes()
         + checksums.tobytes()

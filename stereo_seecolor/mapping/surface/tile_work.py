@@ -1,4 +1,4 @@
-"""The work on one tile of a map, as an object that can be sent to another process."""
+"""The work on one tile of a map, which can be sent to another process."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,35 +23,29 @@ class PlacedTile:
     T_local_camera: NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class TileFusion:
-    """Fuses a tile into the store; returns the frames that were lost, by number.
+def fuse(
+    store: TileStore,
+    tiling: Tiling,
+    frames: Frames,
+    geometry: RectifiedPair,
+    engine_name: str,
+    placed: PlacedTile,
+) -> dict[int, Unplaced]:
+    """Fuse a tile into the store; return the frames that were lost, by number. Raises OutputError.
 
-    tiling: how the map is cut, without the tiles. engine: its name, as other processes load their
-    own.
+    tiling: how the map is cut, without the tiles. engine_name: as other processes load their own.
     """
+    lost: dict[int, Unplaced] = {}
+    read = _read(frames, placed, lost)
+    store.save(placed.tile, engine(engine_name)(placed.tile, tiling, read, geometry))
+    return lost
 
-    store: TileStore
-    tiling: Tiling
-    frames: Frames
-    geometry: RectifiedPair
-    engine: str
 
-    def __call__(self, placed: PlacedTile) -> dict[int, Unplaced]:
-        """Fuse the tile and save it. Raises OutputError."""
-        lost: dict[int, Unplaced] = {}
-        fuse_tile = engine(self.engine)
-        self.store.save(
-            placed.tile,
-            fuse_tile(placed.tile, self.tiling, self._read(placed, lost), self.geometry),
-        )
-        return lost
-
-    def _read(self, placed: PlacedTile, lost: dict[int, Unplaced]) -> Iterator[PlacedFrame]:
-        """The tile's frames that can be read, the next ones being read while one is fused."""
-        read = Threads(1).each(self.frames.__getitem__, placed.tile.frames)
-        for number, frame, T in zip(placed.tile.frames, read, placed.T_local_camera, strict=True):
-            if isinstance(frame, Unplaced):
-                lost[number] = frame
-            else:
-                yield frame, T
+def _read(frames: Frames, placed: PlacedTile, lost: dict[int, Unplaced]) -> Iterator[PlacedFrame]:
+    """The tile's frames that can be read, the next ones being read while one is fused."""
+    read = Threads(1).each(frames.__getitem__, placed.tile.frames)
+    for number, frame, T in zip(placed.tile.frames, read, placed.T_local_camera, strict=True):
+        if isinstance(frame, Unplaced):
+            lost[number] = frame
+        else:
+            yield frame, T

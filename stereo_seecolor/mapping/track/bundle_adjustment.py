@@ -91,11 +91,9 @@ def _solved(problem: BundleProblem, state: State, tolerance: float) -> State:
         except np.linalg.LinAlgError:
             less = -np.inf
         if less > 0:
-            state, cost, damping = (
-                there,
-                cost - less,
-                damping / SETTINGS.damping_step,
-            )
+            state = there
+            cost -= less
+            damping /= SETTINGS.damping_step
         else:
             damping *= SETTINGS.damping_step
         if abs(less) <= tolerance * cost:

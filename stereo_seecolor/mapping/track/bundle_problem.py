@@ -193,11 +193,9 @@ class BundleProblem:
         kept = np.flatnonzero(self._own >= 0)
         points[kept] = moves[self._own[kept], :3]
         by = np.zeros_like(state.T)
-        by[:, :3, :3], by[:, :3, 3], by[:, 3, 3] = (
-            rotation_from_vector(of_frames[:, :3]),
-            of_frames[:, 3:],
-            1,
-        )
+        by[:, :3, :3] = rotation_from_vector(of_frames[:, :3])
+        by[:, :3, 3] = of_frames[:, 3:]
+        by[:, 3, 3] = 1
         return State(state.T @ by, state.points + points)
 
     def moves_by(self, state: State, step: Linearized, error: Array) -> Array:

@@ -28,9 +28,7 @@ def chain(edges: Sequence[Edge], rank: NDArray[np.int64]) -> tuple[Array, NDArra
     Each component starts at the identity, in its first frame by ``rank`` (N,).
     """
     # a fifth of a second, which ``run`` need not wait for: it chains nothing
-    from scipy.sparse import (
-        csr_array,
-    )
+    from scipy.sparse import csr_array
     from scipy.sparse.csgraph import (
         breadth_first_order,
         connected_components,
@@ -69,10 +67,8 @@ def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> 
         return np.asarray(T[edge.i] @ edge.T_i_j @ inverse(T[edge.j]))
 
     def agree(a: Edge, b: Edge) -> bool:
-        first, second = (
-            joint(a),
-            joint(b) if components[a.i] == components[b.i] else inverse(joint(b)),
-        )
+        first = joint(a)
+        second = joint(b) if components[a.i] == components[b.i] else inverse(joint(b))
         at_a, at_b = first @ T[a.j], second @ T[a.j]
         turn = np.linalg.norm(rotation_vector(first[:3, :3].T @ second[:3, :3]))
         return float(np.linalg.norm(at_a[:3, 3] - at_b[:3, 3])) < JOIN_M and float(turn) < JOIN_RAD

@@ -62,13 +62,7 @@ class FeatureStore(Lazy[Features]):
     def save(self, number: int, features: Features) -> None:
         """Write the features of a frame. Raises OutputError."""
         with atomic_path(self._path(number)) as path, path.open("wb") as file:
-            np.savez(
-                file,
-                points=features.points,
-                std=features.std,
-                near=features.near,
-                descriptors=features.descriptors,
-            )
+            np.savez(file, **vars(features))
 
     def _path(self, number: int) -> Path:
         return self._folder / self._names[number]

@@ -9,6 +9,7 @@ lengths and places hold the shape of the track as factors of its bundle adjustme
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -34,7 +35,7 @@ from stereo_seecolor.mapping.survey_frames import Frames
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.shared_points import TrackObservations
-from stereo_seecolor.records import GeoOrigin, SurveyFrame
+from stereo_seecolor.records import SurveyFrame
 
 Array = NDArray[np.float64]
 
@@ -57,18 +58,15 @@ SETTINGS = MarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """The markers found, by frame, and their measures: edge, bars by both ends' numbers,
-    places with errors.
+    """The markers found, by frame, and their measures: edge, bars by both ends' numbers, places.
 
-    origin: of places that were given as latitude and longitude. cells: across a marker. doubled:
-    numbers that two markers have, which are not used.
+    cells: across a marker. doubled: numbers that two markers have, which are not used.
     """
 
     observations: dict[int, list[PlacedSighting]]
     edge_m: float | None
     bars: dict[tuple[int, int], float]
-    places: dict[int, tuple[Array, float]]
-    origin: GeoOrigin | None = None
+    places: Places
     cells: int = 0
     doubled: tuple[int, ...] = ()
 
@@ -77,13 +75,10 @@ class Marks:
         """Find markers in all frames of a survey. Raises InputError for tables that cannot be
         used.
         """
-        bars, known = read_known(config)
-        places = {number: (point, known.stds_m[number]) for number, point in known.points.items()}
-        look, observations, count = (
-            _Look(survey.frames, survey.geometry, config.family),
-            {},
-            len(survey.frames),
-        )
+        bars, places = read_known(config)
+        look = partial(_sightings, survey.frames, survey.geometry, config.family)
+        observations = {}
+        count = len(survey.frames)
         for number, own in enumerate(survey.compute.each(look, range(count))):
             observations[number] = own
             survey.progress("looking for markers", number + 1, count)
@@ -93,7 +88,7 @@ class Marks:
             for frame, own in observations.items()
         }
         cells = MarkerDetector(config.family).cells
-        return cls(single, config.edge_m, bars, places, known.origin, cells, tuple(sorted(twice)))
+        return cls(single, config.edge_m, bars, places, cells, tuple(sorted(twice)))
 
     def scaled(self, scale: float) -> "Marks":
         """Scale the ranges of the rig by a factor."""
@@ -112,9 +107,8 @@ class Marks:
         """Drop some of what is known, by the names of its checks."""
         edge_m = None if EDGES in lengths else self.edge_m
         bars = {ends: length for ends, length in self.bars.items() if _name(*ends) not in lengths}
-        return replace(
-            self, edge_m=edge_m, bars=bars, places={} if PLACES in lengths else self.places
-        )
+        places = Places({}, {}, self.places.origin) if PLACES in lengths else self.places
+        return replace(self, edge_m=edge_m, bars=bars, places=places)
 
     def placed(self, T_world_camera: Array) -> list[PlacedMarker]:
         """The markers that two placed frames show; T_world_camera: (N, 4, 4), NaN for frames
@@ -180,27 +174,24 @@ class Marks:
         return joined, [*self._lengths(corners), *self._places(corners)]
 
     def _lengths(self, corners: dict[int, tuple[int, ...]]) -> list[KnownLength]:
-        known = []
-        for keys in corners.values() if self.edge_m else ():
-            for i, j in combinations(range(4), 2):
-                length_m = (self.edge_m or 0) * (1 if (j - i) % 2 else 2**0.5)
-                known.append(
-                    KnownLength((keys[i],), (keys[j],), length_m, SETTINGS.given_std * length_m)
-                )
-        for (first, second), length_m in self.bars.items():
-            if first in corners and second in corners:
-                known.append(
-                    KnownLength(
-                        corners[first], corners[second], length_m, SETTINGS.given_std * length_m
-                    )
-                )
-        return known
+        lengths: list[tuple[tuple[int, ...], tuple[int, ...], float]] = [
+            ((keys[i],), (keys[j],), self.edge_m * (1 if (j - i) % 2 else 2**0.5))
+            for keys in corners.values()
+            for i, j in combinations(range(4), 2)
+            if self.edge_m
+        ]
+        lengths += [
+            (corners[first], corners[second], length_m)
+            for (first, second), length_m in self.bars.items()
+            if first in corners and second in corners
+        ]
+        return [KnownLength(a, b, m, SETTINGS.given_std * m) for a, b, m in lengths]
 
     def _places(self, corners: dict[int, tuple[int, ...]]) -> list[KnownPlace]:
-        found = [number for number in self.places if number in corners]
-        return (
-            [KnownPlace(corners[n], *self.places[n]) for n in found] if len(found) >= FEWEST else []
-        )
+        places = self.places
+        found = [n for n in places.points if n in corners]
+        known = [KnownPlace(corners[n], places.points[n], places.stds_m[n]) for n in found]
+        return known if len(known) >= FEWEST else []
 
 
 EDGES, PLACES = "edges", "surveyed positions"
@@ -219,45 +210,31 @@ def _name(first: int, second: int) -> str:
     return f"bar {first}-{second}"
 
 
-def _spread_check(
-    markers: list[PlacedMarker], places: dict[int, tuple[Array, float]]
-) -> ScaleCheck | None:
+def _spread_check(markers: list[PlacedMarker], places: Places) -> ScaleCheck | None:
     """How far surveyed places are apart, by the map and as given: the distances from their
     middle.
     """
-    own = [marker for marker in markers if marker.number in places]
+    own = [marker for marker in markers if marker.number in places.points]
     if len(own) < FEWEST:
         return None
-    here, there = (
-        np.array([marker.place_m for marker in own]),
-        np.array([places[marker.number][0] for marker in own]),
-    )
+    here = np.array([marker.place_m for marker in own])
+    there = np.array([places.points[marker.number] for marker in own])
     reach = [
         float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum())) for points in (here, there)
     ]
-    off = [
-        np.hypot(places[marker.number][1], marker.residual_m / np.sqrt(marker.views))
-        for marker in own
-    ]
+    off = [np.hypot(places.stds_m[marker.number], marker.std_m) for marker in own]
     return ScaleCheck(
         reach[0] / reach[1], float(np.sqrt(np.mean(np.square(off)))) / reach[1], len(own)
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """Finds and places the markers of the frame of a number."""
-
-    frames: Frames
-    geometry: RectifiedPair
-    family: str
-
-    def __call__(self, number: int) -> list[PlacedSighting]:
-        frame = self.frames[number]
-        if not isinstance(frame, SurveyFrame):
-            return []
-        found = (
-            place(observation, frame, self.geometry)
-            for observation in MarkerDetector(self.family).find(frame.color)
-        )
-        return [each for each in found if each is not None]
+def _sightings(
+    frames: Frames, geometry: RectifiedPair, family: str, number: int
+) -> list[PlacedSighting]:
+    """Find and place the markers of the frame of a number."""
+    frame = frames[number]
+    if not isinstance(frame, SurveyFrame):
+        return []
+    found = MarkerDetector(family).find(frame.color)
+    placed = (place(observation, frame, geometry) for observation in found)
+    return [each for each in placed if each is not None]

@@ -69,11 +69,9 @@ class FrameBlocks:
         """Add H (6, 6), rows of the first block, columns of the second; of two blocks that differ
         also its transpose.
         """
-        size, row, column = (
-            self.layout.size,
-            int(self.layout.place[first]),
-            int(self.layout.place[second]),
-        )
+        size = self.layout.size
+        row = int(self.layout.place[first])
+        column = int(self.layout.place[second])
         if row < column:
             row, column, H = column, row, H.T
         part = (

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.image_space import Moved, Observed, move
+from stereo_seecolor.mapping.track.image_space import Observed, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
+from stereo_seecolor.mapping.track.relative_pose import weighed
 
 Array = NDArray[np.float64]
 MODELS = (10, 4)
@@ -157,29 +158,17 @@ def _normal(
 ) -> _ImageErrorNormal:
     field_a, field_b = fields
     moved = move(T, pair.b.points - field_b @ values)
-    residual, weight = (
-        pair.a.points - field_a @ values - moved.points,
-        _weights(moved, pair.a, pair.b),
-    )
-    ratio = np.einsum("ni,nij,nj->n", residual, weight, residual) / POSE.outlier_sigmas**2
-    weight = weight / (1 + ratio)[:, None, None]
+    seen = Observed(pair.a.points - field_a @ values, pair.a.std)
+    weight, pull, squared = weighed(moved, seen, pair.b)
+    ratio = squared / POSE.outlier_sigmas**2
+    robust = 1 / (1 + ratio)
     slope = np.concatenate([moved.by_pose, field_a - moved.by_point @ field_b], axis=2)
-    weighted, both = weight @ slope, slope.shape[2]
-    H = slope.reshape(-1, both).T @ weighted.reshape(-1, both)
-    g = weighted.reshape(-1, both).T @ residual.ravel()
+    weighted, both = (robust[:, None, None] * weight) @ slope, slope.shape[2]
+    rows = slope.reshape(-1, both).T
+    H, g = rows @ weighted.reshape(-1, both), rows @ (robust[:, None] * pull).ravel()
     return _ImageErrorNormal(
         H[:6, :6], H[:6, 6:], H[6:, 6:], g[:6], g[6:], float(np.log1p(ratio).sum())
     )
-
-
-def _weights(moved: Moved, a: Observed, b: Observed) -> Array:
-    """(n, 3, 3) inverse covariances of the differences between points of a and the moved points of
-    b.
-    """
-    spread = moved.by_point * b.std[:, None, :]
-    covariance = spread @ np.swapaxes(spread, 1, 2)
-    covariance[:, [0, 1, 2], [0, 1, 2]] += a.std**2
-    return np.asarray(np.linalg.inv(covariance), np.float64)
 
 
 def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:

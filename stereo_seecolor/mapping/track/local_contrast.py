@@ -44,12 +44,7 @@ def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
     detail = logarithm - cv2.GaussianBlur(logarithm, (0, 0), SETTINGS.mean_px)
     spread = np.sqrt(cv2.GaussianBlur(detail * detail, (0, 0), SETTINGS.spread_px))
     return np.asarray(
-        np.clip(
-            128 + SETTINGS.gain * detail / (spread + SETTINGS.noise),
-            0,
-            255,
-        ),
-        np.uint8,
+        np.clip(128 + SETTINGS.gain * detail / (spread + SETTINGS.noise), 0, 255), np.uint8
     )
 
 

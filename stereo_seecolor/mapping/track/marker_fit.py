@@ -119,7 +119,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
         fit,
         after=after,
         control=_control(marks, T) if PLACES in after else None,
-        origin=marks.origin,
+        origin=marks.places.origin,
     )
 
 
@@ -162,9 +162,11 @@ def _scaled(placement: Placement, scale: float) -> Placement:
 
 def _far_off(marks: Marks, placement: Placement, priors: Sequence[Prior]) -> bool:
     """Whether surveyed places lie elsewhere than navigation says: in other coordinates."""
-    markers = [marker for marker in marks.placed(_main(placement)) if marker.number in marks.places]
+    points = marks.places.points
     off_m = [
-        float(np.linalg.norm(marker.place_m - marks.places[marker.number][0])) for marker in markers
+        float(np.linalg.norm(marker.place_m - points[marker.number]))
+        for marker in marks.placed(_main(placement))
+        if marker.number in points
     ]
     limit_m = SETTINGS.elsewhere_sigmas * float(np.linalg.norm(priors[0].position_std_m))
     return bool(off_m) and float(np.median(off_m)) > max(limit_m, SETTINGS.elsewhere_m)
@@ -185,11 +187,6 @@ def at_places(marks: Marks, placement: Placement) -> Placement:
 
 def _control(marks: Marks, T_world_camera: Array) -> ControlFit | None:
     try:
-        points = {number: point for number, (point, _) in marks.places.items()}
-        return control_fit(
-            marks.placed(T_world_camera),
-            points,
-            {number: std_m for number, (_, std_m) in marks.places.items()},
-        )
+        return control_fit(marks.placed(T_world_camera), marks.places.points, marks.places.stds_m)
     except InputError:
         return None

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transform_points
+from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.mapping.track import loops as loop_closure
@@ -19,15 +21,7 @@ from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_errors import find_image_errors
 from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge, ExpectedPose, RelativePose
-from stereo_seecolor.mapping.track.track_work import (
-    CorrectedFeatures,
-    Detection,
-    Ends,
-    Refitting,
-    Relating,
-    ScaledFeatures,
-    SeenPairs,
-)
+from stereo_seecolor.mapping.track.track_work import Ends, refit, relate, seen_pair, store_features
 
 Array = NDArray[np.float64]
 
@@ -95,13 +89,15 @@ class Track:
             guess.expected(self.survey.index.order[list(ends)], sure) if guess else None
             for ends in new
         ]
-        relations = self.survey.compute.each(
-            Relating(self.features, self.survey.geometry), zip(new, expected, strict=True)
-        )
+        work = partial(relate, self.features, self.survey.geometry)
+        relations = self.survey.compute.each(work, zip(new, expected, strict=True))
         for done, (ends, relation) in enumerate(zip(new, relations, strict=True), 1):
             self.found[ends] = relation
             self.survey.progress(what, done, len(new))
-        return [self._edge(*ends, relation, loop) for ends in new if (relation := self.found[ends])]
+        order = self.survey.index.order
+        return [
+            Edge.of(order, *ends, relation, loop) for ends in new if (relation := self.found[ends])
+        ]
 
     def measure_neighbors(self, steps: int, guess: Guess | None) -> None:
         """Add the edges of frames that lie so many steps apart; guess: as ``measure``."""
@@ -116,14 +112,15 @@ class Track:
         again from the same points.
         """
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
-        errors = find_image_errors(SeenPairs(self.features, known), self.survey.geometry)
+        pairs = Changed(known, partial(seen_pair, self.features))
+        errors = find_image_errors(pairs, self.survey.geometry)
         if errors is None:
             return
-        self.features = CorrectedFeatures(self.features, errors)
-        again = list(self.survey.compute.each(Refitting(self.features), known))
+        self.features = Changed(self.features, errors.corrected)
+        again = list(self.survey.compute.each(partial(refit, self.features), known))
         self.found |= {ends: relation for (ends, _), relation in zip(known, again, strict=True)}
         self.edges = [
-            self._edge(*ends, relation, loop=False)
+            Edge.of(self.survey.index.order, *ends, relation)
             for (ends, _), relation in zip(known, again, strict=True)
         ]
 
@@ -131,7 +128,7 @@ class Track:
         """Scale the ranges of the rig by a factor."""
         return replace(
             self,
-            features=ScaledFeatures(self.features, scale),
+            features=Changed(self.features, partial(Features.scaled, scale=scale)),
             edges=[edge.scaled(scale) for edge in self.edges],
             found={
                 ends: relation.scaled(scale) if relation else None
@@ -147,17 +144,6 @@ class Track:
         relation = self.found[ends]
         assert relation is not None, "it was measured"
         return ends, relation
-
-    def _edge(self, a: int, b: int, relation: RelativePose, loop: bool) -> Edge:
-        order = self.survey.index.order
-        return Edge(
-            int(order[a]),
-            int(order[b]),
-            relation.T_a_b,
-            relation.covariance,
-            len(relation.index_a),
-            loop,
-        )
 
 
 def follow(survey: Survey) -> Track:
@@ -182,8 +168,8 @@ def _featured(survey: Survey) -> Track:
     track = Track(
         survey, store, reasons=dict.fromkeys(order, "it does not overlap any other frame")
     )
-    detection = Detection(survey.frames, survey.geometry, order, store)
-    for done, lost in enumerate(survey.compute.each(detection, range(len(order)))):
+    work = partial(store_features, survey.frames, survey.geometry, order, store)
+    for done, lost in enumerate(survey.compute.each(work, range(len(order)))):
         track.reasons |= {order[done]: lost} if lost else {}
         survey.progress("finding features", done + 1, len(order))
     return track
@@ -218,10 +204,8 @@ def solve(
     )
     placement = Placement(guess.T, guess.components, unplaced, tuple(warnings))
     if len(placement.sizes) > 1:
-        sizes, placed = (
-            ", ".join(str(n) for n in placement.sizes),
-            index.order[guess.components[index.order] >= 0].tolist(),
-        )
+        sizes = ", ".join(str(n) for n in placement.sizes)
+        placed = index.order[guess.components[index.order] >= 0].tolist()
         i, j = next(
             (i, j) for i, j in pairwise(placed) if guess.components[i] != guess.components[j]
         )

@@ -137,10 +137,8 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
     least = np.full((len(vectors), wanted), np.inf, np.float32)
     near = np.full((len(vectors), wanted), -1, np.int64)
     for cell in range(count):
-        members, asking = (
-            np.flatnonzero(order[:, 0] == cell),
-            np.flatnonzero((order == cell).any(axis=1)),
-        )
+        members = np.flatnonzero(order[:, 0] == cell)
+        asking = np.flatnonzero((order == cell).any(axis=1))
         for part in (
             np.array_split(asking, -(-len(asking) // RECOGNITION_SETTINGS.cell))
             if len(members)
@@ -160,10 +158,8 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
                 else np.arange(both.shape[1])[None]
             )
             best = np.broadcast_to(best, (len(part), best.shape[1]))
-            least[part], near[part] = (
-                np.take_along_axis(both, best, 1),
-                np.take_along_axis(names, best, 1),
-            )
+            least[part] = np.take_along_axis(both, best, 1)
+            near[part] = np.take_along_axis(names, best, 1)
     return np.where(np.isfinite(least), near, -1)
 
 

@@ -63,10 +63,8 @@ def solve(
     Raises DeviceError if GTSAM is missing.
     """
     gtsam = gtsam_library()
-    solved, off = (
-        T_world_camera,
-        [_sigmas(gtsam, T_world_camera, edge) for edge in edges if edge.loop],
-    )
+    solved = T_world_camera
+    off = [_sigmas(gtsam, T_world_camera, edge) for edge in edges if edge.loop]
     usual = float(np.median(off)) if off else 0.0
     wider = [scale for scale in WIDER if scale < 10 * usual] if usual > DRIFTED else []
     for scale in (*wider, CAUCHY):

@@ -60,6 +60,16 @@ class Edge:
     inliers: int
     loop: bool = False
 
+    @classmethod
+    def of(
+        cls, order: NDArray[np.int64], a: int, b: int, relation: "RelativePose", loop: bool = False
+    ) -> "Edge":
+        """The edge of a relation between the frames at two positions on the track; order: the frame
+        at each.
+        """
+        T, covariance = relation.T_a_b, relation.covariance
+        return cls(int(order[a]), int(order[b]), T, covariance, len(relation.index_a), loop)
+
     def scaled(self, scale: float) -> "Edge":
         """Scale all lengths by a factor."""
         return replace(
@@ -165,10 +175,8 @@ def _fitted(
     if start is None:
         return None
     T, first = start
-    seen_a, seen_b = (
-        Observed(a.points[index_a], a.std[index_a]),
-        Observed(b.points[index_b], b.std[index_b]),
-    )
+    seen_a = Observed(a.points[index_a], a.std[index_a])
+    seen_b = Observed(b.points[index_b], b.std[index_b])
     try:
         T = fit_pose(T, seen_a.chosen(first), seen_b.chosen(first))[0]
         near = np.flatnonzero(squared_sigmas(T, seen_a, seen_b) < SETTINGS.near_sigmas**2)
@@ -206,7 +214,7 @@ def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
     behind the camera.
     """
     scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
-    return np.where(scaled_depth * b.points[:, 2] > 0, _weighed(move(T, b.points), a, b)[2], np.inf)
+    return np.where(scaled_depth * b.points[:, 2] > 0, weighed(move(T, b.points), a, b)[2], np.inf)
 
 
 def residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
@@ -214,14 +222,14 @@ def residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
     a step of the pose: each point weighted by both its errors, under a Cauchy kernel.
     """
     moved = move(T, b.points)
-    weight, pull, squared = _weighed(moved, a, b)
+    weight, pull, squared = weighed(moved, a, b)
     robust = 1 / (1 + squared / SETTINGS.outlier_sigmas**2)
     weighted = ((robust[:, None, None] * weight) @ moved.by_pose).reshape(-1, 6)
     rows = moved.by_pose.reshape(-1, 6)
     return squared, rows.T @ weighted, rows.T @ (robust[:, None] * pull).ravel()
 
 
-def _weighed(moved: Moved, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
+def weighed(moved: Moved, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
     """(n, 3, 3) the inverse covariance of the difference between points of a and the moved ones of
     b; (n, 3) that times the difference; (n,) its square in standard errors.
     """
@@ -243,10 +251,8 @@ def _ransac(
     """T_a_b and which of the matches agree with it; None for too few."""
     if len(index_a) < SETTINGS.min_inliers:
         return None
-    pixels, K = (
-        b.points[index_b, :2] * geometry.focal_px,
-        np.diag([geometry.focal_px, geometry.focal_px, 1.0]),
-    )
+    pixels = b.points[index_b, :2] * geometry.focal_px
+    K = np.diag([geometry.focal_px, geometry.focal_px, 1.0])
     found, turn, shift, inliers = cv2.solvePnPRansac(
         a.points_m[index_a], pixels, K, None, iterationsCount=SETTINGS.ransac_rounds,
         reprojectionError=SETTINGS.reprojection_px, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,

@@ -65,10 +65,8 @@ class Band:
         low, high = _grow(low, high, 1)
         for reach in (2, 4, 8, 16):
             wide_low, wide_high = _grow(low, high, reach)
-            low, high = (
-                np.where(np.isfinite(low), low, wide_low),
-                np.where(np.isfinite(high), high, wide_high),
-            )
+            low = np.where(np.isfinite(low), low, wide_low)
+            high = np.where(np.isfinite(high), high, wide_high)
         low = np.where(np.isfinite(low), low * scale - MARGIN_PX, lowest)
         high = np.where(np.isfinite(high), high * scale + MARGIN_PX, highest)
         first = (np.clip(low, lowest, highest) // 4 * 4).astype(np.int32)

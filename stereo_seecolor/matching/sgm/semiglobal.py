@@ -87,10 +87,8 @@ def match_rows(
     for row in range(end - first):
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
     cost, along = np.empty(TILE * most, np.uint8), np.empty(TILE * most, np.uint8)
-    sums, winner = (
-        np.empty(most + 2 * TILE * LANES, np.uint16),
-        np.empty((6, left.shape[1] + TILE), np.int16),
-    )
+    sums = np.empty(most + 2 * TILE * LANES, np.uint16)
+    winner = np.empty((6, left.shape[1] + TILE), np.int16)
     claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)
     paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
     paths[:BLOCK] = FAR
@@ -138,12 +136,9 @@ def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, 
     lengths of these rows; the largest of them, and of the tiles'.
     """
     tiles = lowest.shape[1]
-    bands, lengths, most, widest = (
-        np.empty((rows, 3, tiles), np.int64),
-        np.empty(rows, np.int64),
-        0,
-        0,
-    )
+    bands = np.empty((rows, 3, tiles), np.int64)
+    lengths = np.empty(rows, np.int64)
+    most = widest = 0
     for row in range(rows):
         place = 0
         for tile in range(tiles):
@@ -376,12 +371,10 @@ def _judge(
     scale, least_uniqueness = limits
     disparity_row, any_row, uniqueness = found
     width = disparity_row.size
-    chosen_row, best_row, least_row, second_row = (
-        winner[CHOSEN],
-        winner[BEST],
-        winner[LEAST],
-        winner[SECOND],
-    )
+    chosen_row = winner[CHOSEN]
+    best_row = winner[BEST]
+    least_row = winner[LEAST]
+    second_row = winner[SECOND]
     below_row, above_row = winner[BELOW], winner[ABOVE]
     for x in range(width):
         chosen_row[x] = (

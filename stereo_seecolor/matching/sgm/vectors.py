@@ -9,6 +9,7 @@ they exist. A block is PIXELS pieces, a piece one pixel's LANES costs.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 from llvmlite import ir
@@ -18,14 +19,10 @@ from numba.extending import intrinsic
 
 from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE, WINDOW
 
-_vector_code: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
-
 _BYTE, _SHORT, _WORD, _PIECE_BITS = (ir.IntType(bits) for bits in (8, 16, 32, 128))
-_PIECE, _BLOCK, _PER_PIXEL = (
-    ir.VectorType(_BYTE, LANES),
-    ir.VectorType(_BYTE, BLOCK),
-    ir.VectorType(_BYTE, PIXELS),
-)
+_PIECE = ir.VectorType(_BYTE, LANES)
+_BLOCK = ir.VectorType(_BYTE, BLOCK)
+_PER_PIXEL = ir.VectorType(_BYTE, PIXELS)
 _SHORTS, _WORDS = ir.VectorType(_SHORT, LANES), ir.VectorType(_WORD, LANES)
 _TILE_SHORTS = ir.VectorType(_SHORT, TILE)
 _WINDOW, _WIDE_WINDOW = ir.VectorType(_SHORT, WINDOW), ir.VectorType(_WORD, WINDOW)
@@ -46,18 +43,6 @@ class _Memory:
     array: Any
     align: int = 1
 
-    @classmethod
-    def of(cls, emitter: tuple[Any, Any, Any, Any], *positions: int) -> "tuple[_Memory, ...]":
-        """The arguments at these positions, of what numba gives a step: context, builder,
-        signature, arguments.
-        """
-        context, builder, signature, arguments = emitter
-        aligns = (max(1, signature.args[n].dtype.bitwidth // 8) for n in positions)
-        return tuple(
-            cls(context, builder, signature.args[n], arguments[n], align)
-            for n, align in zip(positions, aligns, strict=True)
-        )
-
     def load(self, index: Any, vector: Any) -> Any:
         """A vector from array[index:] on."""
         value = self.builder.load(self._at(index, vector))
@@ -73,30 +58,54 @@ class _Memory:
         return self.builder.bitcast(self.builder.gep(data, [index]), vector.as_pointer())
 
 
-@_vector_code
-def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> Any:
+_INDEX, _ARRAY = types.intp, None
+"""Kinds of arguments; an array's is whatever the caller has."""
+
+
+def _step_of(*kinds: Any, result: Any = types.void) -> Callable[..., Callable[..., Any]]:
+    """Make a step that compiled functions call of the function that writes its code: it is given
+    the builder and the arguments, arrays as ``_Memory``, and returns the result, if there is one.
+    """
+
+    def made(write: Callable[..., Any]) -> Callable[..., Any]:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            taken = [
+                _Memory(context, builder, kind, argument, max(1, kind.dtype.bitwidth // 8))
+                if isinstance(kind, types.Array)
+                else argument
+                for kind, argument in zip(signature.args, arguments, strict=True)
+            ]
+            found = write(builder, *taken)
+            return context.get_dummy_value() if found is None else found
+
+        @wraps(write)
+        def typed(typing: Any, *given: Any) -> Any:
+            own = (one if kind is None else kind for kind, one in zip(kinds, given, strict=True))
+            return result(*own), generate
+
+        step: Callable[..., Any] = intrinsic(typed)
+        return step
+
+    return made
+
+
+@_step_of(types.uint32, _ARRAY, _INDEX, _ARRAY, _INDEX)
+def hamming(builder: Any, bits: Any, others: _Memory, i: Any, cost: _Memory, c: Any) -> None:
     """cost[c:] (a piece) = number of bits in which ``bits`` (uint32) differs from each of
     others[i:] (uint32).
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        bits, _, i, _, c = arguments
-        others, cost = _Memory.of((context, builder, signature, arguments), 1, 3)
-        met = others.load(i, _WORDS)
-        count = _call(
-            builder, "llvm.ctpop.v16i32", _WORDS, builder.xor(met, _splat(builder, bits, _WORDS))
-        )
-        cost.store(c, builder.trunc(count, _PIECE))
-        return context.get_dummy_value()
-
-    return types.void(types.uint32, others, types.intp, cost, types.intp), generate
+    met = others.load(i, _WORDS)
+    count = _call(
+        builder, "llvm.ctpop.v16i32", _WORDS, builder.xor(met, _splat(builder, bits, _WORDS))
+    )
+    cost.store(c, builder.trunc(count, _PIECE))
 
 
-@_vector_code
+@_step_of(_ARRAY, _INDEX, _INDEX, _ARRAY, _INDEX, _INDEX, _ARRAY, _INDEX, _INDEX)
 def step(
-    typing: Any, paths: Any, before: Any, now: Any,
-    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any,
-) -> Any:  # fmt: skip
+    builder: Any, paths: _Memory, before: Any, now: Any, cost: _Memory, c: Any, cost_stride: Any,
+    p2: _Memory, j: Any, p2_stride: Any,
+) -> None:  # fmt: skip
     """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller
     2008, eq. 13).
 
@@ -104,255 +113,164 @@ def step(
     = paths[before:], floor each pixel's least b, P1 = P2 >> P1_SHIFT. The pixels' costs lie
     cost_stride apart from cost[c] on, their P2 p2_stride from p2[j] on.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, before, now, _, c, cost_stride, _, j, p2_stride = arguments
-        paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 3, 6)
-        same = paths.load(before, _BLOCK)
-        penalties = _penalties(p2, j, p2_stride)
-        result = _step(
-            builder,
-            (_FAR, same, _FAR),
-            _floor(builder, same),
-            _gather(cost, c, cost_stride),
-            penalties,
-        )
-        paths.store(now, result)
-        return context.get_dummy_value()
-
-    i = types.intp
-    return types.void(paths, i, i, cost, i, i, p2, i, i), generate
+    same = paths.load(before, _BLOCK)
+    penalties, here = _penalties(p2, j, p2_stride), _gather(cost, c, cost_stride)
+    result = _step(builder, (_FAR, same, _FAR), _floor(builder, same), here, penalties)
+    paths.store(now, result)
 
 
-@_vector_code
+@_step_of(_ARRAY, _INDEX, _ARRAY, _INDEX, _ARRAY, _INDEX, _INDEX, _ARRAY, _INDEX, _INDEX, _INDEX)
 def steps(
-    typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
-    p2: Any, j: Any, j_onward: Any, p2_stride: Any,
-) -> Any:  # fmt: skip
+    builder: Any, paths: _Memory, at: Any, cost: _Memory, c: Any, along: _Memory, onward: Any,
+    stride: Any, p2: _Memory, j: Any, j_onward: Any, p2_stride: Any,
+) -> None:  # fmt: skip
     """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each also to
     ``along``, laid out as ``cost``.
 
     From one step to the next, costs lie ``onward`` and P2 ``j_onward`` apart.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, at, _, c, _, onward, stride, _, j, j_onward, p2_stride = arguments
-        paths, cost, along, p2 = _Memory.of((context, builder, signature, arguments), 0, 2, 4, 7)
-        halves = [_further(builder, at, half * BLOCK) for half in range(TILE // PIXELS)]
-        same = [paths.load(half, _BLOCK) for half in halves]
-        for _ in range(TILE):
-            for half in range(len(halves)):
-                row, p2_row = (
-                    _nth(builder, c, stride, half * PIXELS),
-                    _nth(builder, j, p2_stride, half * PIXELS),
-                )
-                here, penalties = _gather(cost, row, stride), _penalties(p2, p2_row, p2_stride)
-                same[half] = _step(
-                    builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties
-                )
-                _scatter(along, row, stride, same[half])
-            c, j = builder.add(c, onward), builder.add(j, j_onward)
-        for half, result in zip(halves, same, strict=True):
-            paths.store(half, result)
-        return context.get_dummy_value()
-
-    i = types.intp
-    return types.void(paths, i, cost, i, along, i, i, p2, i, i, i), generate
+    halves = [_further(builder, at, half * BLOCK) for half in range(TILE // PIXELS)]
+    same = [paths.load(half, _BLOCK) for half in halves]
+    for _ in range(TILE):
+        for half in range(len(halves)):
+            row = _nth(builder, c, stride, half * PIXELS)
+            p2_row = _nth(builder, j, p2_stride, half * PIXELS)
+            here, penalties = _gather(cost, row, stride), _penalties(p2, p2_row, p2_stride)
+            same[half] = _step(
+                builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties
+            )
+            _scatter(along, row, stride, same[half])
+        c, j = builder.add(c, onward), builder.add(j, j_onward)
+    for half, result in zip(halves, same, strict=True):
+        paths.store(half, result)
 
 
-@_vector_code
+@_step_of(
+    _ARRAY, _INDEX, _INDEX, _INDEX, _INDEX, _INDEX, _ARRAY, _INDEX, _INDEX, _ARRAY, _INDEX, _INDEX
+)
 def step_of_many(
-    typing: Any, paths: Any, below: Any, before: Any, above: Any, floor: Any, now: Any,
-    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any,
-) -> Any:  # fmt: skip
+    builder: Any, paths: _Memory, below: Any, before: Any, above: Any, floor: Any, now: Any,
+    cost: _Memory, c: Any, cost_stride: Any, p2: _Memory, j: Any, p2_stride: Any,
+) -> None:  # fmt: skip
     """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it,
     the floor is paths[floor:]'s.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, below, before, above, floor, now, _, c, cost_stride, _, j, p2_stride = arguments
-        paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 6, 9)
-        under, same, over, least = (
-            paths.load(place, _BLOCK) for place in (below, before, above, floor)
-        )
-        penalties = _penalties(p2, j, p2_stride)
-        result = _step(
-            builder,
-            (under, same, over),
-            _floor(builder, least),
-            _gather(cost, c, cost_stride),
-            penalties,
-        )
-        paths.store(now, result)
-        return context.get_dummy_value()
-
-    i = types.intp
-    return types.void(paths, i, i, i, i, i, cost, i, i, p2, i, i), generate
+    under, same, over, least = (
+        paths.load(place, _BLOCK) for place in (below, before, above, floor)
+    )
+    penalties, here = _penalties(p2, j, p2_stride), _gather(cost, c, cost_stride)
+    result = _step(builder, (under, same, over), _floor(builder, least), here, penalties)
+    paths.store(now, result)
 
 
-@_vector_code
-def fold(typing: Any, paths: Any, i: Any, j: Any, least: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, _INDEX, _INDEX)
+def fold(builder: Any, paths: _Memory, i: Any, j: Any, least: Any) -> None:
     """paths[least:] = min(paths[i:], paths[j:]), a block."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, j, least = arguments
-        (paths,) = _Memory.of((context, builder, signature, arguments), 0)
-        paths.store(least, _minimum(builder, paths.load(i, _BLOCK), paths.load(j, _BLOCK)))
-        return context.get_dummy_value()
-
-    return types.void(paths, types.intp, types.intp, types.intp), generate
+    paths.store(least, _minimum(builder, paths.load(i, _BLOCK), paths.load(j, _BLOCK)))
 
 
-@_vector_code
-def scatter(typing: Any, paths: Any, i: Any, rows: Any, r: Any, stride: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, _ARRAY, _INDEX, _INDEX)
+def scatter(builder: Any, paths: _Memory, i: Any, rows: _Memory, r: Any, stride: Any) -> None:
     """The four pieces of the block paths[i:] to rows[r:], rows[r + stride:] and so on."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, _, r, stride = arguments
-        paths, rows = _Memory.of((context, builder, signature, arguments), 0, 2)
-        _scatter(rows, r, stride, paths.load(i, _BLOCK))
-        return context.get_dummy_value()
-
-    return types.void(paths, types.intp, rows, types.intp, types.intp), generate
+    _scatter(rows, r, stride, paths.load(i, _BLOCK))
 
 
-@_vector_code
-def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, _ARRAY, _INDEX, _ARRAY, _INDEX)
+def add(builder: Any, a: _Memory, i: Any, b: _Memory, j: Any, total: _Memory, t: Any) -> None:
     """total[t:] = a[i:] + b[j:], a block; the sum is below 256."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, _, j, _, t = arguments
-        a, b, total = _Memory.of((context, builder, signature, arguments), 0, 2, 4)
-        total.store(t, builder.add(a.load(i, _BLOCK), b.load(j, _BLOCK)))
-        return context.get_dummy_value()
-
-    return types.void(a, types.intp, b, types.intp, total, types.intp), generate
+    total.store(t, builder.add(a.load(i, _BLOCK), b.load(j, _BLOCK)))
 
 
-@_vector_code
+@_step_of(_ARRAY, _INDEX, _ARRAY, _INDEX, _ARRAY, _INDEX, _ARRAY, _INDEX)
 def add_wide(
-    typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total: Any, t: Any
-) -> Any:
+    builder: Any, a: _Memory, i: Any, b: _Memory, j: Any, c: _Memory, k: Any, total: _Memory, t: Any
+) -> None:
     """total[t:] (uint16) = a[i:] + b[j:] + c[k:], a block."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, _, j, _, k, _, t = arguments
-        *added, total = _Memory.of((context, builder, signature, arguments), 0, 2, 4, 6)
-        first, second, third = (
-            builder.zext(memory.load(place, _BLOCK), _BLOCK_SHORTS)
-            for memory, place in zip(added, (i, j, k), strict=True)
-        )
-        total.store(t, builder.add(first, builder.add(second, third)))
-        return context.get_dummy_value()
-
-    return types.void(a, types.intp, b, types.intp, c, types.intp, total, types.intp), generate
+    first, second, third = (
+        builder.zext(memory.load(place, _BLOCK), _BLOCK_SHORTS)
+        for memory, place in zip((a, b, c), (i, j, k), strict=True)
+    )
+    total.store(t, builder.add(first, builder.add(second, third)))
 
 
-@_vector_code
-def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, _INDEX, _INDEX, _INDEX)
+def slide(builder: Any, a: _Memory, low: Any, high: Any, by: Any, t: Any) -> None:
     """a[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and
     a[high:] put end to end.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, low, high, by, t = arguments
-        (a,) = _Memory.of((context, builder, signature, arguments), 0)
-        first, second = a.load(low, _PIECE_BITS), a.load(high, _PIECE_BITS)
-        bits = builder.zext(builder.shl(by, ir.Constant(by.type, 3)), _PIECE_BITS)
-        piece = _call(builder, "llvm.fshr.i128", _PIECE_BITS, second, first, bits)
-        a.store(t, piece)
-        return context.get_dummy_value()
-
-    return types.void(a, types.intp, types.intp, types.intp, types.intp), generate
+    first, second = a.load(low, _PIECE_BITS), a.load(high, _PIECE_BITS)
+    bits = builder.zext(builder.shl(by, ir.Constant(by.type, 3)), _PIECE_BITS)
+    piece = _call(builder, "llvm.fshr.i128", _PIECE_BITS, second, first, bits)
+    a.store(t, piece)
 
 
-@_vector_code
-def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, types.int16, _ARRAY, _INDEX, _INDEX)
+def winners(
+    builder: Any, sums: _Memory, i: Any, low: Any, facts: _Memory, x: Any, stride: Any
+) -> None:
     """The least of each of the TILE x LANES uint16 sums[i:], all below 4096, of pixels whose bands
     start at ``low`` (int16).
 
     To facts[x:] (int16) go their disparities; ``stride`` further the sums there; then the least
     beyond +-1 of it; then those one below and one above it, -1 where the band ends.
     """
+    pixels = [sums.load(_further(builder, i, pixel * LANES), _SHORTS) for pixel in range(TILE)]
+    four = ir.Constant(_SHORTS, [4] * LANES)
+    keys = _least_of_each(
+        builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels]
+    )
+    lanes = builder.and_(keys, ir.Constant(_TILE_SHORTS, [LANES - 1] * TILE))
+    before = builder.sub(lanes, ir.Constant(_TILE_SHORTS, [1] * TILE))
+    never = ir.Constant(_SHORTS, [0xFFFF] * LANES)
+    offsets = [
+        builder.sub(_LANE, builder.shuffle_vector(before, before, _mask([pixel] * LANES)))
+        for pixel in range(TILE)
+    ]
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, low, _, x, stride = arguments
-        sums, facts = _Memory.of((context, builder, signature, arguments), 0, 3)
-        pixels = [sums.load(_further(builder, i, pixel * LANES), _SHORTS) for pixel in range(TILE)]
-        four = ir.Constant(_SHORTS, [4] * LANES)
-        keys = _least_of_each(
-            builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels]
+    def least_where(condition: str, offset: int) -> Any:
+        bound = ir.Constant(_SHORTS, [offset] * LANES)
+        kept = [builder.icmp_unsigned(condition, offsets[pixel], bound) for pixel in range(TILE)]
+        return _least_of_each(
+            builder,
+            [
+                builder.select(keep, values, never)
+                for keep, values in zip(kept, pixels, strict=True)
+            ],
         )
-        lanes = builder.and_(keys, ir.Constant(_TILE_SHORTS, [LANES - 1] * TILE))
-        before = builder.sub(lanes, ir.Constant(_TILE_SHORTS, [1] * TILE))
-        never = ir.Constant(_SHORTS, [0xFFFF] * LANES)
-        offsets = [
-            builder.sub(_LANE, builder.shuffle_vector(before, before, _mask([pixel] * LANES)))
-            for pixel in range(TILE)
-        ]
 
-        def least_where(condition: str, offset: int) -> Any:
-            bound = ir.Constant(_SHORTS, [offset] * LANES)
-            kept = [
-                builder.icmp_unsigned(condition, offsets[pixel], bound) for pixel in range(TILE)
-            ]
-            return _least_of_each(
-                builder,
-                [
-                    builder.select(keep, values, never)
-                    for keep, values in zip(kept, pixels, strict=True)
-                ],
-            )
-
-        found = (
-            builder.add(lanes, _splat(builder, low, _TILE_SHORTS)),
-            builder.lshr(keys, ir.Constant(_TILE_SHORTS, [4] * TILE)),
-            least_where(">=", 3),
-            least_where("==", 0),
-            least_where("==", 2),
-        )
-        for row, values in enumerate(found):
-            facts.store(_nth(builder, x, stride, row), values)
-        return context.get_dummy_value()
-
-    return types.void(sums, types.intp, types.int16, facts, types.intp, types.intp), generate
+    found = (
+        builder.add(lanes, _splat(builder, low, _TILE_SHORTS)),
+        builder.lshr(keys, ir.Constant(_TILE_SHORTS, [4] * TILE)),
+        least_where(">=", 3),
+        least_where("==", 0),
+        least_where("==", 2),
+    )
+    for row, values in enumerate(found):
+        facts.store(_nth(builder, x, stride, row), values)
 
 
-@_vector_code
-def smallest(typing: Any, a: Any, i: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, result=types.uint16)
+def smallest(builder: Any, a: _Memory, i: Any) -> Any:
     """min(a[i:]) * 16 + its first lane, of LANES uint16 below 4096."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        (a,) = _Memory.of((context, builder, signature, arguments), 0)
-        values = a.load(arguments[1], _SHORTS)
-        keys = builder.or_(builder.shl(values, ir.Constant(_SHORTS, [4] * LANES)), _LANE)
-        return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, keys)
-
-    return types.uint16(a, types.intp), generate
+    values = a.load(i, _SHORTS)
+    keys = builder.or_(builder.shl(values, ir.Constant(_SHORTS, [4] * LANES)), _LANE)
+    return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, keys)
 
 
-@_vector_code
-def smallest_but(typing: Any, a: Any, i: Any, center: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, types.int16, result=types.uint16)
+def smallest_but(builder: Any, a: _Memory, i: Any, center: Any) -> Any:
     """min(a[i:]) of LANES uint16 without the lanes center - 1, center and center + 1 (center:
     int16, may lie outside).
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, center = arguments
-        (a,) = _Memory.of((context, builder, signature, arguments), 0)
-        values = a.load(i, _SHORTS)
-        first = _splat(builder, builder.sub(center, ir.Constant(_SHORT, 1)), _SHORTS)
-        near = builder.icmp_unsigned(
-            "<", builder.sub(_LANE, first), ir.Constant(_SHORTS, [3] * LANES)
-        )
-        others = builder.select(near, ir.Constant(_SHORTS, [0xFFFF] * LANES), values)
-        return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, others)
-
-    return types.uint16(a, types.intp, types.int16), generate
+    values = a.load(i, _SHORTS)
+    first = _splat(builder, builder.sub(center, ir.Constant(_SHORT, 1)), _SHORTS)
+    near = builder.icmp_unsigned("<", builder.sub(_LANE, first), ir.Constant(_SHORTS, [3] * LANES))
+    others = builder.select(near, ir.Constant(_SHORTS, [0xFFFF] * LANES), values)
+    return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, others)
 
 
-@_vector_code
-def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
+@_step_of(_ARRAY, _INDEX, types.int16, _ARRAY, _INDEX)
+def claim(builder: Any, sums: _Memory, i: Any, first: Any, best: _Memory, j: Any) -> None:
     """The TILE x LANES uint16 sums[i:] of a row of a tile claim the pixels of the right image that
     they look at.
 
@@ -360,38 +278,31 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
     pixel p looks at best[j - p + l], with disparity first + l (int16). A sum of 2^16 - 1 claims
     nothing.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, i, first, _, j = arguments
-        sums, best = _Memory.of((context, builder, signature, arguments), 0, 3)
-        keys = ir.Constant(_WINDOW, [0xFFFF] * WINDOW)
-        for pixel in range(TILE):
-            lead = TILE - 1 - pixel
-            values = sums.load(_further(builder, i, pixel * LANES - lead), _WINDOW)
-            own = [pixel if lead <= lane < lead + LANES else 0xFFFF for lane in range(WINDOW)]
-            key = builder.or_(
-                builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own)
-            )
-            keys = _minimum(builder, keys, key)
-        place = _further(builder, j, 1 - TILE)
-        wide = builder.zext(keys, _WIDE_WINDOW)
-        pixel = builder.and_(wide, ir.Constant(_WIDE_WINDOW, [TILE - 1] * WINDOW))
-        cost = builder.shl(
-            builder.lshr(wide, ir.Constant(_WIDE_WINDOW, [3] * WINDOW)),
-            ir.Constant(_WIDE_WINDOW, [16] * WINDOW),
+    keys = ir.Constant(_WINDOW, [0xFFFF] * WINDOW)
+    for pixel in range(TILE):
+        lead = TILE - 1 - pixel
+        values = sums.load(_further(builder, i, pixel * LANES - lead), _WINDOW)
+        own = [pixel if lead <= lane < lead + LANES else 0xFFFF for lane in range(WINDOW)]
+        key = builder.or_(
+            builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own)
         )
-        lane = builder.add(
-            pixel,
-            ir.Constant(
-                _WIDE_WINDOW, [(lane - TILE + 1 + 0x8000) & 0xFFFFFFFF for lane in range(WINDOW)]
-            ),
-        )
-        disparity = builder.add(lane, _splat(builder, builder.sext(first, _WORD), _WIDE_WINDOW))
-        claimed = builder.or_(cost, disparity)
-        best.store(place, _minimum(builder, best.load(place, _WIDE_WINDOW), claimed))
-        return context.get_dummy_value()
-
-    return types.void(sums, types.intp, types.int16, best, types.intp), generate
+        keys = _minimum(builder, keys, key)
+    place = _further(builder, j, 1 - TILE)
+    wide = builder.zext(keys, _WIDE_WINDOW)
+    pixel = builder.and_(wide, ir.Constant(_WIDE_WINDOW, [TILE - 1] * WINDOW))
+    cost = builder.shl(
+        builder.lshr(wide, ir.Constant(_WIDE_WINDOW, [3] * WINDOW)),
+        ir.Constant(_WIDE_WINDOW, [16] * WINDOW),
+    )
+    lane = builder.add(
+        pixel,
+        ir.Constant(
+            _WIDE_WINDOW, [(lane - TILE + 1 + 0x8000) & 0xFFFFFFFF for lane in range(WINDOW)]
+        ),
+    )
+    disparity = builder.add(lane, _splat(builder, builder.sext(first, _WORD), _WIDE_WINDOW))
+    claimed = builder.or_(cost, disparity)
+    best.store(place, _minimum(builder, best.load(place, _WIDE_WINDOW), claimed))
 
 
 def _step(

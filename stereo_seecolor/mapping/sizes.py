@@ -1,4 +1,4 @@
-"""The voxel size of a map where the settings leave it open."""
+"""Sizes of a map's voxels and of its mosaic's cells, where the settings leave them open."""
 
 from dataclasses import dataclass
 
@@ -6,23 +6,30 @@ import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.mapping.component import Component
+from stereo_seecolor.mapping.surface.kernels import BLOCK
+from stereo_seecolor.mapping.surface.tiles import Tiling
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import SurveyFrame
 
 
 @dataclass(frozen=True)
-class VoxelSettings:
-    """How the voxel size is chosen."""
+class SizeSettings:
+    """How the sizes are chosen."""
 
-    # edge, in pixels on the bottom: a range is matched over some five, finer voxels hold only noise
+    # voxels: edge, in pixels on the bottom: a range is matched over some five, finer voxels hold
+    # only noise
     pixels: float = 5.0
     frames: int = 9  # examined, spread over the dive: their median range decides
     sample_step: int = 16  # pixels
     # sizes are round, so that repeated surveys share their voxels and cells
     steps: tuple[float, ...] = (1.0, 2.0, 5.0, 10.0)
+    # of a mosaic, of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a
+    # screen
+    cells: float = 16e6
 
 
-SETTINGS = VoxelSettings()
+SETTINGS = SizeSettings()
 
 
 def with_voxel(config: MappingConfig, frames: Frames, geometry: RectifiedPair) -> MappingConfig:
@@ -53,6 +60,24 @@ def _typical_range_m(frame: SurveyFrame | Unplaced) -> float:
     sample = frame.range_m[:: SETTINGS.sample_step, :: SETTINGS.sample_step]
     known = sample[np.isfinite(sample)]
     return float(np.median(known)) if known.size else float("nan")
+
+
+def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
+    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where
+    the area is large.
+
+    Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
+    """
+    if config.mosaic_m:
+        return config
+    points_m = (component.survey.index.points_m[int(i)] for i in component.frames)
+    depths_m = [np.median(own[:, 2]) for own in points_m if len(own)]
+    if not depths_m:
+        return config
+    pixel_m = float(np.median(depths_m)) / component.survey.geometry.focal_px
+    area_m2 = tiling.columns * (BLOCK * tiling.voxel_m) ** 2
+    cell_m = max(pixel_m, min(float(np.sqrt(area_m2 / SETTINGS.cells)), config.mosaic_cell_m))
+    return config.model_copy(update={"mosaic_m": rounded(cell_m)})
 
 
 def rounded(size: float) -> float:
