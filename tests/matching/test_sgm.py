@@ -1,8 +1,5 @@
 """The compiled search against the reference in sgm_reference.py, to the bit."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import cv2
@@ -105,22 +102,3 @@ def test_a_band_that_misses_is_widened() -> None:
 def test_nothing_is_unique_in_an_even_image() -> None:
     even = np.full((24, 40), 1000, np.uint16)
     assert np.isnan(assert_equal_to_reference(even, even, Band.everywhere(even.shape, 0, 31))).all()
-
-
-@pytest.mark.slow
-def test_plain_loops_serve_other_versions_of_numba() -> None:
-    code = """
-import importlib.metadata, sys
-importlib.metadata.version = lambda name: "99.0"
-from stereo_seecolor.compute import kernel_cache
-kernel_cache._folder = lambda: None  # machine code on disk is of the usual steps
-import test_sgm
-from stereo_seecolor.matching.sgm.semiglobal import steps
-assert steps.__name__.endswith("loops")
-shape = 40, 64
-band = test_sgm.Band.everywhere(shape, -4, 27)
-test_sgm.assert_equal_to_reference(*test_sgm.pair(3, *shape, 9, 200.0), band)
-"""
-    found = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    found["NUMBA_OPT"] = "0"  # that they compile and are right, not that they are fast
-    subprocess.run([sys.executable, "-c", code], env=found, check=True)

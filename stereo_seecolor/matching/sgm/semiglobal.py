@@ -12,27 +12,15 @@ Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these 
 Every cost is below 128.
 """
 
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.matching.sgm import vectors as steps
 from stereo_seecolor.matching.sgm.band import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
 from stereo_seecolor.records import Map
-
-FIRST_NUMBA, NEXT_NUMBA = (0, 61), (0, 69)
-"""``vectors.py`` builds on internal interfaces of numba and llvmlite, which may change with any
-version. It was tested with 0.61.2 and 0.68.1: the first minor version, and the first after them (as
-in pyproject.toml). With other versions plain loops give the same results in about twenty times the
-time.
-"""
-
-if FIRST_NUMBA <= tuple(int(part) for part in version("numba").split(".")[:2]) < NEXT_NUMBA:
-    from stereo_seecolor.matching.sgm import vectors as steps
-else:
-    from stereo_seecolor.matching.sgm import loops as steps  # type: ignore[no-redef]
 
 NOWHERE, FLOOR, ALONG = 0, BLOCK, 2 * BLOCK
 """Places in ``paths``: a block of FAR, one of least costs, and the paths along the rows; then come
