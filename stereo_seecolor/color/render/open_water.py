@@ -1,6 +1,7 @@
 """Finds pixels of open water that matching assigned to the reef next to them."""
 
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -95,8 +96,9 @@ def _water_beside(
         255 * (encode_srgb(veil) if water.input_encoding != "as-is" else veil)
         for veil in (np.minimum(factor * water.gamma_inf, 1.0) for factor in OPEN_WATER.bright)
     )
-    even = std.max(axis=2) <= OPEN_WATER.contrast * mean.max(axis=2)
-    found = even & ((mean >= darkest) & (mean <= brightest)).all(axis=2)
+    of_std, of_mean = (reduce(cv2.max, cv2.split(each)) for each in (std, mean))
+    even = of_std <= OPEN_WATER.contrast * of_mean  # of the largest channel
+    found = even & (cv2.inRange(mean, darkest, brightest) > 0)
     near = cv2.dilate(_large(area, found), np.ones((2 * reach + 1, 2 * reach + 1)))
     beside = np.asarray((near > 0) & found & (share[..., 0] > 0), np.uint8)
     return beside, np.asarray(mean, np.float32), np.asarray(std, np.float32)
