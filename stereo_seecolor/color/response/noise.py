@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.records import Image, is_monochrome
 
 Array = NDArray[np.float64]
@@ -186,14 +187,13 @@ def _rows(
 def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
     """Compute the blocks of each image, by channel; of one channel if all images are monochrome."""
     number = 1 if all(is_monochrome(image) for image in images) else 3
-    scale = [np.float32(255 / np.iinfo(image.dtype).max) for image in images]
-    return [
-        [
-            blocks_of(image[..., channel], factor)
-            for image, factor in zip(images, scale, strict=True)
-        ]
-        for channel in range(number)
-    ]
+
+    def of_channels(image: Image) -> list[Blocks]:
+        factor = np.float32(255 / np.iinfo(image.dtype).max)
+        return [blocks_of(image[..., channel], factor) for channel in range(number)]
+
+    of_images = list(Threads(cores()).each(of_channels, images))
+    return [[blocks[channel] for blocks in of_images] for channel in range(number)]
 
 
 def quantization_of(images: Sequence[Image]) -> float:
