@@ -67,6 +67,8 @@ def without_open_water(image: Image, range_m: Map, water: Water, seen: Mask | No
     full = np.float32(255 / np.iinfo(image.dtype).max)
     colors = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * full
     beside, mean, std = _water_beside(colors, area > 0, wide, water)
+    if not beside.any():
+        return range_m
     near = cv2.resize(beside, range_m.shape[::-1], interpolation=cv2.INTER_NEAREST)
     at = np.nonzero(near.view(bool) & known)
     cells = tuple(
