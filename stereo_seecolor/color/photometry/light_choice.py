@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.light_solver import (
+    Equations,
     LightTerms,
     Solution,
     Window,
@@ -111,19 +112,22 @@ def choose(
     (Breiman et al. 1984, "Classification and regression trees"). Shading, and gains of frames whose
     differences caustics explain, also need more evidence than the same terms without them, because
     patches left out lie under the same caustics as their neighbors in the fit.
-    values: as in ``solve``. candidates: the first has no terms. frames: number of frames.
+    values: as in ``Equations``. candidates: the first has no terms. frames: number of frames.
     """
-    (fit, fitted), (judge, judged) = (_part(windows, values, held) for held in (False, True))
+    judge, judged = _part(windows, values, held=True)
     judging = sum(len(np.unique(window.patch)) for window in judge)
+    fit = Equations.of(*_part(windows, values, held=False), frames)
 
     def left(candidate: Candidate) -> ViewDifferences:
-        return spread_left(
-            judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior)
-        )
+        return spread_left(judge, judged, solve(fit, *candidate))
+
+    @cache
+    def every() -> Equations:
+        return Equations.of(windows, values, frames)
 
     @cache
     def whole(candidate: Candidate) -> Solution:
-        return solve(windows, values, candidate.use, frames, candidate.prior)
+        return solve(every(), *candidate)
 
     def evident(candidate: Candidate) -> bool:
         use = candidate.use
