@@ -234,11 +234,8 @@ class Pipeline:
         Raises:
             CalibrationError: For images of another size than the calibration's.
         """
-        left, right = (
-            self._rectifier.apply_left(frame.left),
-            self._rectifier.apply_right(frame.right),
-        )
-        return replace(frame, left=left, right=right)
+        left = self._rectifier.apply_left(frame.left)
+        return replace(frame, left=left, right=self._rectifier.apply_right(frame.right))
 
     def _response_of(self, frame: StereoFrame) -> Response:
         """The response of a frame that came without a dive: the first one is measured."""

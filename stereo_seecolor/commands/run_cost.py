@@ -6,7 +6,6 @@ from pathlib import Path
 
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.process import core_seconds, peak_bytes
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
 from stereo_seecolor.run_folder.frame_table import RunSummary
 
@@ -23,15 +22,12 @@ class Meter:
     def _used_s(self) -> float:
         return core_seconds() + self._compute.usage.core_seconds
 
-    def compared(
-        self, summary: RunSummary, root: Path, pairs: int, config: RunConfig
-    ) -> RunSummary:
+    def compared(self, summary: RunSummary, root: Path, plan: KeptPlan | None) -> RunSummary:
         """The summary with the planned and the measured cost.
 
         Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
         done a part.
         """
-        plan = KeptPlan.load(root, pairs, config)
         if plan is None or summary.kept or summary.stopped:
             return summary
         usage, wall_s = self._compute.usage, time.perf_counter() - self._began_s

@@ -138,7 +138,7 @@ def run_session(
         )
         write_reports(folder, description, run.summary)
     page.end(stopped=not complete)
-    summary = meter.compared(run.summary, folder.root, len(pairing.pairs), description.config)
+    summary = meter.compared(run.summary, folder.root, run.plan)
     run.summary = replace(summary, products=products(folder, current))
 
 

@@ -235,10 +235,8 @@ def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeM
     if ranged.measured:
         return ranged.measured
     source, pair = frames.source, ranged.pair
-    kept, warnings = (
-        frames.pixels.find(pair.name, ranged.key),
-        ranged.record.stages["range"].warnings,
-    )
+    kept = frames.pixels.find(pair.name, ranged.key)
+    warnings = ranged.record.stages["range"].warnings
     if kept and kept.range_m is not None and kept.measured is not None:
         return kept.image, RangeMap.of_ranges(kept.range_m, kept.measured, warnings)
     if not source.makes_ranges:

@@ -10,9 +10,7 @@ from stereo_seecolor.files.atomic import write_replaceable
 from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frame_table import RunSummary
-from stereo_seecolor.run_folder.layout import (
-    progress_file,
-)
+from stereo_seecolor.run_folder.layout import progress_file
 
 EVERY_S = 2.0
 """Seconds between two writings: often enough for a person who looks on, and nothing beside the
@@ -84,10 +82,8 @@ class RunProgress:
 
         None where no pair was done that tells how fast it goes.
         """
-        each, so_far = (
-            self.expected.seconds,
-            [*self.earlier, (self.stage, self.new, self.updated_s - self.began_s)],
-        )
+        each = self.expected.seconds
+        so_far = [*self.earlier, (self.stage, self.new, self.updated_s - self.began_s)]
         timed = [
             (new * each[name], seconds) for name, new, seconds in so_far if new and name in each
         ]
@@ -108,33 +104,24 @@ class RunProgress:
 
 
 class ProgressFile:
-    """A listener that hears of every pair of a pass, and writes the progress every few seconds."""
+    """A listener that hears of every pair of a pass, and writes the progress every few seconds.
+    expected: the passes to come.
+    """
 
-    def __init__(self, root: Path) -> None:
-        self._root, self._expected = root, ExpectedPasses({})
+    def __init__(self, root: Path, expected: ExpectedPasses | None = None) -> None:
+        self._root, self._expected = root, expected or ExpectedPasses({})
         self._failed: list[FrameRow] = []
         self._earlier: list[tuple[str, int, float]] = []
         self._stage, self._total, self._done, self._new = "", 0, Counter[str](), 0
         self._began_s = self._written_s = 0.0
-
-    def expect(self, passes: ExpectedPasses) -> None:
-        """Set the passes to come, unless more are expected already."""
-        if not passes.seconds.keys() <= self._expected.seconds.keys():
-            self._expected = passes
 
     def begin(self, stage: str, total: int) -> None:
         """A pass over ``total`` pairs begins. Raises OutputError."""
         now_s = time.time()
         if self._stage:
             self._earlier.append((self._stage, self._new, now_s - self._began_s))
-        self._stage, self._total, self._failed, self._done, self._new = (
-            stage,
-            total,
-            [],
-            Counter(),
-            0,
-        )
-        self._began_s = now_s
+        self._stage, self._total, self._done, self._new = stage, total, Counter(), 0
+        self._failed, self._began_s = [], now_s
         self._write()
 
     def advance(self, row: FrameRow) -> None:
