@@ -19,6 +19,7 @@ from stereo_seecolor.dive.passes import (
 )
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.fleet.shard_part import Part
 from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
@@ -26,7 +27,6 @@ from stereo_seecolor.records import Numbers, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state
-from stereo_seecolor.run_folder.shard_part import Part
 from stereo_seecolor.run_folder.water_file import waters_content
 
 
