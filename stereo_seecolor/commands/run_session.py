@@ -57,19 +57,19 @@ def stereo_run(
     Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which
     of their frames are pairs.
     """
-    shard = options.shard
     before = inputs.open_first(config)
     # not before: imports and opening would wait for each other, for Python's global lock
     load_in_background(config, options)
+    shard = options.shard
     owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
     ranges = before.pipeline.settings if before and not config.input.refine else ""
-    with RunFolder(out, folder_request(owner, config, options, inputs.paths, ranges)) as folder:
+    request = folder_request(owner, config, options, inputs.paths, ranges)
+    with RunFolder(out, request) as folder:
         opened = before or inputs.open_in(folder, config)
         options = options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
         with options.compute.sharing(state(folder.root), inputs.paths):
-            opened = _with_disk_space(
-                opened.for_dive(folder, options).part(shard), folder, options, last
-            )
+            opened = opened.for_dive(folder, options).part(shard)
+            opened = _with_disk_space(opened, folder, options, last)
             compile_for(config, options)
             with run_session(
                 opened.pipeline, opened.pairing, inputs.names, folder, options, last, passes
