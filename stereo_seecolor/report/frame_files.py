@@ -59,9 +59,14 @@ class FrameFiles:
         out.
         """
         try:
-            return cls(run, Rectification.from_rig(run.rig))
+            return cls.rectifying(run)
         except (InputError, CalibrationError, OSError):
             return cls(run, None)
+
+    @classmethod
+    def rectifying(cls, run: FinishedRun) -> "FrameFiles":
+        """``of``; raises InputError or CalibrationError where the rig cannot be read."""
+        return cls(run, Rectification.from_rig(run.rig))
 
     def make(self, frame: FinishedFrame) -> Files:
         """The page's files of a frame, without ``page/before`` where the input image is missing.
