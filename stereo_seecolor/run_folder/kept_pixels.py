@@ -8,10 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.files.atomic import (
-    TEMPORARY_PREFIX,
-    remove_leftovers,
-)
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, remove_leftovers
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.records import Image, Map, Mask

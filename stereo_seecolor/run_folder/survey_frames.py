@@ -11,11 +11,7 @@ from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map, SurveyFrame
-from stereo_seecolor.run_folder.finished_run import (
-    FinishedFrame,
-    FinishedRun,
-    geometry_of,
-)
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, geometry_of
 from stereo_seecolor.run_folder.pair_files import MASK_CODES
 
 
