@@ -9,7 +9,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.run_folder.layout import LOCK, state
+from stereo_seecolor.run_folder.layout import LOCK, MANIFEST, state
 from stereo_seecolor.run_folder.lease import Holder, hold_lease
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
@@ -21,12 +21,14 @@ OUT there.
 @contextmanager
 def held(root: Path) -> Iterator[Holder]:
     """Hold a run's folder, made where it is missing: no other run, of this machine or another,
-    writes into it meanwhile.
+    writes into it meanwhile. What was made for it is removed where no manifest was left in it.
 
     Raises OutputError if it cannot be written, or is held already.
     """
     lock = FileLock(state(root, LOCK), timeout=0)
     try:
+        is_new = not state(root, LOCK).exists()
+        made = [folder for folder in (state(root), root, *root.parents) if not folder.exists()]
         state(root).mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout as error:
@@ -46,4 +48,12 @@ def held(root: Path) -> Iterator[Holder]:
         with hold_lease(root, lock.is_locked) as holder:
             yield holder
     finally:
+        unused = is_new and not state(root, MANIFEST).exists()
+        if unused:
+            with contextlib.suppress(OSError):  # while it is held: nobody else has taken the file
+                state(root, LOCK).unlink()
         lock.release()
+        if unused:
+            for folder in made:
+                with contextlib.suppress(OSError):  # somebody put a file there
+                    folder.rmdir()
