@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import RIM_SHADE, SIZES, Piece, box, packed_surface
 from stereo_seecolor.report.mesh_code import Walk
-from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
+from stereo_seecolor.report.mesh_levels import Level, Numbered, Place, tile_edge_m
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -59,7 +59,7 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
         key for place in sorted(whole) for key in _in_order(top, place) if key[1] in cut[key[0]]
     ]
 
-    def work() -> Iterator[tuple[float, int, Piece]]:
+    def work() -> Iterator[tuple[float, int, Numbered]]:
         for number, place in keys:
             level = painted[number]
             yield level.cell_m, 2**number, level.square(place, edge_m * 2**number)
@@ -102,7 +102,7 @@ def _area_m2(piece: Piece) -> float:
 
 
 def _packed(
-    views: Views, tile: tuple[float, int, Piece]
+    views: Views, tile: tuple[float, int, Numbered]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Where a tile lies, and its parts: pages of texture with their triangles, and those that no
     image shows in the map's colors. tile: edge of its cells, pixels of the images to one of the
@@ -126,7 +126,7 @@ def _packed(
         for page in replace(made, group=np.where(unseen, -1, 0)).pages(step=step)
     ]
     if unseen.any():
-        parts.append(piece.of(np.flatnonzero(unseen)).packed(step_m))
+        parts.append(piece.of(unseen).packed(step_m))
     return box(piece), parts
 
 
