@@ -9,12 +9,10 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX
-from stereo_seecolor.run_folder.reports import (
-    RunDescription,
-)
+from stereo_seecolor.run_folder.reports import RunDescription
 
 if TYPE_CHECKING:
-    from stereo_seecolor.report.early_frames import EarlyFrames
+    from stereo_seecolor.report.frame_files import EarlyFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +43,10 @@ class RunPage:
         """What makes the page's files of frames while the run has their pixels; None where the run
         writes no page.
         """
-        if (
-            self.options.page == "none"
-            or self.run.last != "corrected"
-            or self.run.rectification is None
-        ):
+        whole = self.options.page != "none" and self.options.shard.whole
+        if not whole or self.run.last != "corrected" or self.run.rectification is None:
             return None
-        if not self.options.shard.whole:
-            return None
-        from stereo_seecolor.report.early_frames import EarlyFrames
+        from stereo_seecolor.report.frame_files import EarlyFrames
 
         return EarlyFrames(self.run.rectification.pair)
 
