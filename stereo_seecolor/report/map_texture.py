@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import RIM_SHADE, SIZES, Piece, box, packed_surface
 from stereo_seecolor.report.mesh_code import Walk
-from stereo_seecolor.report.mesh_levels import Level, Numbered, Place, tile_edge_m
+from stereo_seecolor.report.mesh_levels import Level, Numbered, Place, below, tile_edge_m
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -66,16 +66,13 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
 
     made = Threads(cores()).each(partial(_packed, Views(posed)), work())
     for (level, place), (where, parts) in zip(keys, made, strict=True):
+        finer = [each for each in below(place) if level and each in cut[level - 1]]
         entry = {
             **where,
             "cell_m": painted[level].cell_m,
             "texel_m": posed.pixel_m * 2**level,
             "texels": sum(int(np.prod(part["size"])) for part in parts if "size" in part),
-            "finer": [
-                _name(level - 1, each)
-                for each in _below(place)
-                if level > 0 and each in cut[level - 1]
-            ],
+            "finer": [_name(level - 1, each) for each in finer],
         }
         yield _name(level, place), entry, parts
 
@@ -83,17 +80,13 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
 def _in_order(level: int, place: Place) -> Iterator[tuple[int, Place]]:
     """A tile after those below it: they need the same images."""
     if level > 0:
-        for each in _below(place):
+        for each in below(place):
             yield from _in_order(level - 1, each)
     yield level, place
 
 
 def _name(level: int, place: Place) -> str:
     return f"textured_{level}_{place[0]}_{place[1]}"
-
-
-def _below(place: Place) -> list[Place]:
-    return [(2 * place[0] + i, 2 * place[1] + k) for i in (0, 1) for k in (0, 1)]
 
 
 def _area_m2(piece: Piece) -> float:
@@ -118,7 +111,7 @@ def _packed(
     made = textured(views, surface)
     correction = made.charts.correction.copy()
     correction[piece.rim[made.charts.vertex]] -= RIM_SHADE
-    made = replace(made, charts=made.charts.leveled(correction))
+    made = replace(made, charts=replace(made.charts, correction=correction))
     unseen = made.charts.of_face < 0
     step_m = cell_m / SIZES.steps_per_voxel
     parts = [

@@ -270,6 +270,11 @@ def cluster_vertices(part: Numbered, cell_m: float, corner_m: Floats) -> Numbere
     )
 
 
+def below(place: Place) -> list[Place]:
+    """The tiles of the next finer level that cover the same area."""
+    return [(2 * place[0] + i, 2 * place[1] + k) for i in (0, 1) for k in (0, 1)]
+
+
 def _used(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The points that triangles (T, 3) use, rising, and the triangles by their places there."""
     if not len(triangles):

@@ -234,11 +234,8 @@ def methods(facts: DiveFacts) -> str:
 
 
 def _methods_of_pairs(facts: DiveFacts) -> list[str]:
-    geometry, range_m, coverage = (
-        facts.run.geometry,
-        facts.typical("median_range_m"),
-        facts.typical("coverage"),
-    )
+    geometry = facts.run.geometry
+    range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
     if geometry is None or range_m is None or coverage is None:
         return []
     width, height = geometry.image_size

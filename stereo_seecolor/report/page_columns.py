@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.overview import (
-    DiveFacts,
-)
+from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 
 Column = list[float | None]
