@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from stereo_seecolor.compute.heartbeat import heartbeat
+from stereo_seecolor.compute.background import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.files.json_records import as_record, load_object
