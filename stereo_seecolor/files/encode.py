@@ -66,11 +66,6 @@ def encode_confidence(confidence: Map) -> bytes:
     return encode_codes(np.ceil(confidence * 255).astype(np.uint8))
 
 
-def encode_mask(mask: NDArray[np.uint8]) -> bytes:
-    """Encode a mask (H, W) of uint8 codes as a PNG."""
-    return encode_codes(mask)
-
-
 def _srgb_profile() -> bytes:
     """The ICC profile of sRGB, with a date of creation that never changes, so that equal images are
     equal files.

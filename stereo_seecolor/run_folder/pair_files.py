@@ -16,10 +16,10 @@ from stereo_seecolor.files.encode import (
     encode_confidence,
     encode_image,
     encode_map,
-    encode_mask,
     rounded,
 )
 from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.files.png import encode_codes
 from stereo_seecolor.records import Correction, Image, RangeMap
 from stereo_seecolor.run_folder.layout import original_path, product_path
 
@@ -69,7 +69,7 @@ def correction_files(
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
     contents["corrected"] = lambda: encode_image(pixels, config.image_format, exif)
-    contents["mask"] = lambda: encode_mask(mask_codes(correction, range_map))
+    contents["mask"] = lambda: encode_codes(mask_codes(correction, range_map))
     return _files(name, contents, config)
 
 
@@ -81,7 +81,7 @@ def original_files(left: Path, correction: Correction, range_map: RangeMap, exif
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "original/corrected": lambda: encode_image(correction.image, image_format, exif),
         "original/range": lambda: encode_map(range_map.range_m),
-        "original/mask": lambda: encode_mask(mask_codes(correction, range_map)),
+        "original/mask": lambda: encode_codes(mask_codes(correction, range_map)),
     }
     return {
         product: (original_path(product, left), _encoded(encode))
