@@ -1,6 +1,6 @@
 """The stereo pairs and the calibration that a command is given, and the pipeline for them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -140,16 +140,6 @@ class StereoInputs:
         config, response_notes = settle_response(config, pairing.pairs)
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(pairing.with_notes(notes + response_notes), Pipeline(rig, config))
-
-
-def named_inputs(names: Mapping[str, str]) -> DiveInputs:
-    """The inputs that the "inputs" of a run.json name."""
-    if "bag" in names:
-        inputs: DiveInputs = load("inputs", "bag").BagInputs(
-            Path(names["bag"]), names["calib"], names["topics"]
-        )
-        return inputs
-    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])
 
 
 def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:

@@ -109,20 +109,6 @@ def write_temporary(path: Path, content: Content) -> Path:
     return temporary
 
 
-def link_temporary(source: Path, path: Path) -> Path:
-    """A second name for a file, or a copy of it where the file system has none, beside ``path``.
-    Raises OSError.
-    """
-    temporary = temporary_path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        temporary.hardlink_to(source)
-    except OSError:
-        shutil.copy2(source, temporary)
-        flush_file(temporary)
-    return temporary
-
-
 def move_into_place(temporary: Path, path: Path) -> None:
     """Rename a temporary file; it is removed where that fails. Raises OSError."""
     try:

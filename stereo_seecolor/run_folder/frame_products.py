@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
+from stereo_seecolor.files.atomic import Content, output_errors
 from stereo_seecolor.files.contained import find_contained
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.whole_files import read_bytes
@@ -136,31 +136,6 @@ class FrameProducts:
         self._owned.move_into_place(temporaries, files)
         self.written.add(stage, frame.name)
         return frame
-
-    def adopt(self, other: Path, frame: FrameRecord) -> None:
-        """Take a frame of another run's folder as one of this, its table included; its files get a
-        second name, or are copied.
-
-        What this folder holds of the frame already is kept if it is the same or more. Raises
-        OutputError.
-        """
-        known = self._manifest.frame(frame.name)
-        if known and all(
-            self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()
-        ):
-            return
-        self.discard(frame.name)
-        table = table_file(frame.name, frame.subfolder)
-        paths = [path for path in (*frame.files, table) if (other / path).is_file()]
-        temporaries: dict[str, Path] = {}
-        for path in paths:
-            with output_errors(self.root / path):
-                temporaries[path] = link_temporary(other / path, self.root / path)
-        self._manifest.save_frame(frame)
-        self._owned.move_into_place(
-            temporaries,
-            {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()},
-        )
 
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
         """Note what a worker did for a frame: the stages that it wrote, and the files that it moved
