@@ -94,11 +94,8 @@ def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tu
 
 def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
     text = f"is {size[0]}x{size[1]} px, and most images are {other[0]}x{other[1]} px"
-    return (
-        f"{text}: rotated by 90 degrees, perhaps only by its EXIF orientation"
-        if size == other[::-1]
-        else text
-    )
+    turned = ": rotated by 90 degrees, perhaps only by its EXIF orientation"
+    return f"{text}{turned if size == other[::-1] else ''}"
 
 
 def misfits(

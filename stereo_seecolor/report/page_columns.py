@@ -120,11 +120,9 @@ def _speeds(track: Sequence[TrackPoint]) -> Mapping[str, float | None]:
     """
     speeds: dict[str, float | None] = {}
     for a, b in pairwise(track):
-        seconds = (
-            b.timestamp_s - a.timestamp_s
-            if a.timestamp_s is not None and b.timestamp_s is not None
-            else 0.0
-        )
+        seconds = 0.0
+        if a.timestamp_s is not None and b.timestamp_s is not None:
+            seconds = b.timestamp_s - a.timestamp_s
         distance_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
         speeds[b.name] = distance_m / seconds if seconds > 0 else None
     return speeds

@@ -168,12 +168,8 @@ class FrameProducts:
         """
         frame = self._manifest.frame(name)
         earlier = frame is not None and not self.written.stages(name)
-        products = (
-            [path for path in frame.files if not path.startswith(f"{PAGE}/")]
-            if frame and earlier
-            else []
-        )
-        kept = self._owned.remove_stale(products)
+        files = frame.files if frame and earlier else ()
+        kept = self._owned.remove_stale(path for path in files if not path.startswith(f"{PAGE}/"))
         self.discard(name)
         return kept
 

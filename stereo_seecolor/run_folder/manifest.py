@@ -162,14 +162,8 @@ class Manifest:
         left.
         """
         found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
-        return sorted(
-            {
-                path.stem
-                for paths in found
-                for path in paths
-                if not path.name.startswith(TEMPORARY_PREFIX)
-            }
-        )
+        files = (path for paths in found for path in paths)
+        return sorted({file.stem for file in files if not file.name.startswith(TEMPORARY_PREFIX)})
 
     def frame(self, name: str) -> FrameRecord | None:
         """Read the record of a frame; None where there is none, or it is damaged (its files are
@@ -184,12 +178,8 @@ class Manifest:
                 raise ForeignPathError(f"it is of a frame {record.name!r}")
             if record.subfolder and not record.subfolder.isdecimal():
                 raise ForeignPathError(f"its subfolder is {record.subfolder!r}")
-            check_product_paths(
-                (
-                    *record.files,
-                    *(path for stage in record.stages.values() for path in stage.outputs.values()),
-                )
-            )
+            outputs = (path for one in record.stages.values() for path in one.outputs.values())
+            check_product_paths((*record.files, *outputs))
         except ForeignPathError as error:
             raise _refused(file, error) from error
         except (OSError, ValueError):
@@ -212,18 +202,12 @@ class Manifest:
 
     def _known_file(self, name: str) -> Path:
         flat = self._frame_file(name, "")
-        return (
-            flat
-            if flat.exists() or not (self._frames / SPREAD).is_dir()
-            else self._frame_file(name, SPREAD)
-        )
+        is_flat = flat.exists() or not (self._frames / SPREAD).is_dir()
+        return flat if is_flat else self._frame_file(name, SPREAD)
 
     def _frame_file(self, name: str, subfolder: str) -> Path:
-        return (
-            self._frames / SPREAD / record_subfolder(name) / f"{name}.json"
-            if subfolder
-            else self._frames / f"{name}.json"
-        )
+        folder = self._frames / SPREAD / record_subfolder(name) if subfolder else self._frames
+        return folder / f"{name}.json"
 
 
 def _refused(file: Path, error: ForeignPathError) -> OutputError:
