@@ -108,7 +108,10 @@ def run_session(
     """A run over the pairs: Ctrl-C ends it early. run.json, frames.csv and the page are written at
     its end, the first two also after an error. inputs: by name, for run.json.
     """
-    description = _description(source, pairing, inputs, options, last)
+    names, rectification = Names(pairing.names), source.rectification
+    description = RunDescription(
+        inputs, source.config, names, last, rectification, options.command_line
+    )
     page, meter = RunPage(options, folder, description), Meter(options.compute)
     run = DiveRun(source, folder, page.listening(), pairing, passes, page.early_frames())
     start, complete = time.perf_counter(), False
@@ -140,20 +143,6 @@ def run_session(
     page.end(stopped=not complete)
     summary = meter.compared(run.summary, folder.root, run.plan)
     run.summary = replace(summary, products=products(folder, current))
-
-
-def _description(
-    source: PairSource, pairing: Pairing, inputs: dict[str, str], options: RunOptions, last: Stage
-) -> RunDescription:
-    """What run.json says of the run."""
-    return RunDescription(
-        inputs,
-        source.config,
-        Names(pairing.names),
-        last,
-        source.rectification,
-        options.command_line,
-    )
 
 
 def _summary(

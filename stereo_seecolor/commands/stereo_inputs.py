@@ -91,11 +91,6 @@ class StereoInputs:
         """Every file and folder that is read."""
         return (*folders_of(self.left), *folders_of(self.right), *calibration_files(self.calib))
 
-    @property
-    def is_video(self) -> bool:
-        """True for two videos, or one that shows both sides."""
-        return is_video(self.left) and is_video(self.right)
-
     def owner(self, kind: str, opened: "Opened | None") -> Owner:
         """The owner of an output folder with results of these inputs: recognized by their paths, or
         by the first file's content.
@@ -110,7 +105,7 @@ class StereoInputs:
         """``open`` for images, before the output folder is touched; None for videos, which
         ``open_in`` opens.
         """
-        return None if self.is_video else self.open(config)
+        return None if is_video(self.left) and is_video(self.right) else self.open(config)
 
     def open(self, config: RunConfig) -> "Opened":
         """The pairs of two folders of images, and the pipeline for their rig. Raises InputError,
