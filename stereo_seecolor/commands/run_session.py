@@ -9,11 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.run_cost import Meter
 from stereo_seecolor.commands.run_page import RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
+from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.process import core_seconds, peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import PairSource
@@ -23,6 +24,7 @@ from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.matching.pair_check import NO_OVERLAP, ROWS_OFF
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
 from stereo_seecolor.run_folder.current_frames import CurrentFrames
 from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -112,7 +114,7 @@ def run_session(
     description = RunDescription(
         inputs, source.config, names, last, rectification, options.command_line
     )
-    page, meter = RunPage(options, folder, description), Meter(options.compute)
+    page, meter = RunPage(options, folder, description), _Meter(options.compute)
     run = DiveRun(source, folder, page.listening(), pairing, passes, page.early_frames())
     start, complete = time.perf_counter(), False
     earlier = _earlier_config(folder)
@@ -143,6 +145,34 @@ def run_session(
     page.end(stopped=not complete)
     summary = meter.compared(run.summary, folder.root, run.plan)
     run.summary = replace(summary, products=products(folder, current))
+
+
+class _Meter:
+    """Measures a run from its beginning: processor time of this process and of its workers, elapsed
+    time, memory, disk.
+    """
+
+    def __init__(self, compute: Compute) -> None:
+        self._compute = compute
+        self._began_s, self._core_s = time.perf_counter(), self._used_s()
+
+    def _used_s(self) -> float:
+        return core_seconds() + self._compute.usage.core_seconds
+
+    def compared(self, summary: RunSummary, root: Path, plan: KeptPlan | None) -> RunSummary:
+        """The summary with the planned and the measured cost.
+
+        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
+        done a part.
+        """
+        if plan is None or summary.kept or summary.stopped:
+            return summary
+        usage, wall_s = self._compute.usage, time.perf_counter() - self._began_s
+        memory = usage.memory_bytes or peak_bytes()
+        measured = Cost(
+            (self._used_s() - self._core_s) / 3600, wall_s / 3600, used_bytes(root), memory
+        )
+        return replace(summary, plan=Compared(usage.cores, plan.cost(usage.cores), measured))
 
 
 def _summary(
