@@ -12,7 +12,7 @@ from stereo_seecolor.run_folder.cache import forget_refinement
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
 from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS
-from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.lease import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders

@@ -24,7 +24,7 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS
-from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.lease import held
 from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles
 from stereo_seecolor.run_folder.ownership import FolderRequest, Owner
