@@ -63,7 +63,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
             flush_file(temporary)
-            temporary.replace(path)
+            move_into_place(temporary, path)
             flush_folder(path.parent)
         except BaseException:
             remove(temporary)
