@@ -71,6 +71,8 @@ class Pipeline:
 
     Attributes:
         geometry: Of the rectified images.
+        matched_by: Of the images that ranges are matched in.
+        makes_ranges: Whether range maps are written to OUT.
         seen: (H, W) bool, where rectified images show something; None = everywhere.
         original: The geometry of the unrectified left camera; None if no product uses it.
         settings: Hash of everything except the two images that a range map depends on.

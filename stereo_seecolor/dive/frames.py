@@ -5,16 +5,13 @@ Each is done once: an earlier run's result is found in OUT, or it is made now an
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import Rectification, RectifiedPair
 from calibration.original_view import OriginalView
 from stereo_seecolor.checks.exposure import exposure_warnings
-from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.response.response import Response
@@ -24,9 +21,8 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.frame_facts import capture_facts, color_facts, range_facts
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.pipeline import correct, ranges_for_color
+from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder import cache
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -41,43 +37,11 @@ from stereo_seecolor.run_folder.pair_files import (
     range_files,
 )
 
+if TYPE_CHECKING:
+    from stereo_seecolor.dive.ranged_images import RangedImages
 
-class PairSource(Protocol):
-    """Reads and measures a pair: a Pipeline, or RangedImages.
-
-    geometry: of the rectified images, None without calibration. matched_by: of the images that its
-    ranges were matched in, None where that is unknown. makes_ranges: whether its range maps are
-    written to OUT.
-    seen: where rectified images show something, None = everywhere. original: the view of the
-    unrectified left camera, None where nothing is written in it. settings: hash of all that a range
-    map depends on besides its files.
-    """
-
-    config: RunConfig
-    corrector: Corrector
-    reader: FrameReader
-    geometry: RectifiedPair | None
-    matched_by: RectifiedPair | None
-    makes_ranges: bool
-    seen: Mask | None
-    original: OriginalView | None
-    settings: str
-
-    @property
-    def rectification(self) -> Rectification | None:
-        """Of the images, None without calibration."""
-
-    def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The pair's files, by side."""
-
-    def raw(self, pair: Pair, clock: Clock) -> Image:
-        """The left image as the camera gave it."""
-
-    def image(self, pair: Pair, clock: Clock) -> Image:
-        """The (rectified) left image."""
-
-    def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """The (rectified) left image and its range map."""
+PairSource: TypeAlias = "Pipeline | RangedImages"
+"""Reads and measures a pair."""
 
 
 class PageFrames(Protocol):
