@@ -115,7 +115,7 @@ def run_session(
         inputs, source.config, names, last, rectification, options.command_line
     )
     page, meter = RunPage(options, folder, description), _Meter(options.compute)
-    run = DiveRun(source, folder, page.listening(), pairing, passes, page.early_frames())
+    run = DiveRun(source, folder, page.listening(), pairing, passes, page.early_files())
     start, complete = time.perf_counter(), False
     earlier = _earlier_config(folder)
     folder.dive.update(replace(folder.dive.record, state="running"))

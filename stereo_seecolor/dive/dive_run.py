@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 from calibration import CalibrationError
 from stereo_seecolor.checks.repeated_images import RepeatedImages
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.dive.frames import Frames, PageFrames, PairSource
+from stereo_seecolor.dive.frames import Frames, PageFiles, PairSource
 from stereo_seecolor.dive.pair_sequences import chosen
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
@@ -96,7 +96,7 @@ class DiveRun:
         options: RunOptions,
         pairing: Pairing,
         passes: Sequence[str],
-        page: PageFrames | None = None,
+        page: PageFiles | None = None,
     ) -> None:
         """passes: that the command will make over the pairs. Pixels are kept from one to the
         next.

@@ -3,9 +3,9 @@
 Each is done once: an earlier run's result is found in OUT, or it is made now and written.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,21 +43,11 @@ if TYPE_CHECKING:
 PairSource: TypeAlias = "Pipeline | RangedImages"
 """Reads and measures a pair."""
 
-
-class PageFrames(Protocol):
-    """Makes the page's files of frames while they are corrected, so that their images need not be
-    decoded again.
-    """
-
-    def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's files on the page. corrected_key: key of the corrected frame that
-        they are made from.
-        """
-
-    def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame. before: its rectified image, uncorrected. products: product
-        -> array, as it is stored.
-        """
+PageFiles = Callable[[str, str, Image, Mapping[str, NDArray[Any]]], tuple[StageRecord, Files]]
+"""Makes the page's files of a frame while it is corrected, so that its images need not be decoded
+again, and their record: of the key of the corrected frame, its name, its rectified image,
+uncorrected, and product -> array, as it is stored.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +239,7 @@ def correct_frame(
     light: Light | None,
     usual: Water,
     others: Mapping[str, Water],
-    page: PageFrames | None,
+    page: PageFiles | None,
     pair: Pair,
     clock: Clock,
 ) -> tuple[FrameRow, None]:
@@ -366,19 +356,16 @@ def _original_files(
     )
 
 
-def _save_for_page(
-    frames: Frames, page: PageFrames, record: FrameRecord, frame: _Corrected
-) -> None:
+def _save_for_page(frames: Frames, page: PageFiles, record: FrameRecord, frame: _Corrected) -> None:
     """Write the page's files of a frame that was just corrected."""
     correction, folder = frame.correction, frames.folder
     written = record.stages["range"].outputs.keys() & {"confidence", "range_std"}
     products = {product: folder.frames.read(record, product) for product in written}
     products |= {"range": frame.ranges.measured_m, "mask": mask_codes(correction, frame.ranges)}
     products["corrected"] = correction.image if correction.linear is None else correction.linear
-    stage = page.stage(record.stages["corrected"].key)
-    folder.frames.save(
-        record.with_stage("page", stage), "page", page.files(record.name, frame.before, products)
-    )
+    key = record.stages["corrected"].key
+    stage, files = page(key, record.name, frame.before, products)
+    folder.frames.save(record.with_stage("page", stage), "page", files)
 
 
 def water_key(water: Water) -> str:

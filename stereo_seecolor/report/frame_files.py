@@ -105,23 +105,18 @@ class FrameFiles:
         return response.standard(self.rectification.upright(self.rectification.apply_left(image)))
 
 
-@dataclass(frozen=True)
-class EarlyFrames:
-    """Makes the page's files of frames while the run has their pixels, so that they need not be
-    decoded again. geometry: of the rectified images.
+def early_files(
+    geometry: RectifiedPair | None,
+    corrected_key: str,
+    name: str,
+    before: Image,
+    products: Mapping[str, NDArray[Any]],
+) -> tuple[StageRecord, Files]:
+    """The record of a frame's files on the page, and these, made while the run has its pixels.
+    geometry: of the rectified images; the rest as in ``PageFiles``.
     """
-
-    geometry: RectifiedPair | None
-
-    def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's files on the page, made from a corrected frame of that key."""
-        return page_stage(corrected_key, with_before=True)
-
-    def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame. before: its rectified image, uncorrected. products: product
-        -> array, as it is stored.
-        """
-        return page_files(Pixels(name, products, products.__getitem__), before, self.geometry)
+    pixels = Pixels(name, products, products.__getitem__)
+    return page_stage(corrected_key, with_before=True), page_files(pixels, before, geometry)
 
 
 def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
