@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import Rectification, RectifiedPair, StereoRig
+from calibration import Rectification, StereoRig
 from calibration.formats import load_rig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
@@ -88,8 +88,7 @@ class Pipeline:
         self.rig = rig = rig if isinstance(rig, StereoRig) else load_rig(rig)
         self.config = config or RunConfig()
         self.rectification = Rectification.from_rig(rig)
-        self.geometry: RectifiedPair | None = self.rectification.pair
-        self.matched_by: RectifiedPair | None = self.geometry
+        self.geometry = self.matched_by = self.rectification.pair
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
         self.original = (
