@@ -78,19 +78,19 @@ class Inspection:
     sides: Sides
     left: ImageFacts | VideoFacts
     right: ImageFacts | VideoFacts
-    pairs: int
-    unpaired: int
-    interval_s: float | None
-    exposure_recorded: bool
-    calibrations: tuple[Path, ...]
-    calibration: CalibrationFacts | None
-    poses: tuple[FoundPoses, ...]
-    measured: SampleMeasures | None
-    misfits: tuple[Misfit, ...]
-    agrees: bool
-    wrong: tuple[Numbers, ...]
-    problems: tuple[str, ...]
-    run_command: str
+    pairs: int = 0
+    unpaired: int = 0
+    interval_s: float | None = None
+    exposure_recorded: bool = False
+    calibrations: tuple[Path, ...] = ()
+    calibration: CalibrationFacts | None = None
+    poses: tuple[FoundPoses, ...] = ()
+    measured: SampleMeasures | None = None
+    misfits: tuple[Misfit, ...] = ()
+    agrees: bool = True
+    wrong: tuple[Numbers, ...] = ()
+    problems: tuple[str, ...] = ()
+    run_command: str = ""
 
     @property
     def is_wrong(self) -> bool:
@@ -285,17 +285,8 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         sides=sides,
         left=video_facts(sides.left),
         right=video_facts(sides.right),
-        pairs=0,
-        unpaired=0,
-        interval_s=None,
-        exposure_recorded=False,
         calibrations=paths,
-        calibration=None,
         poses=poses,
-        measured=None,
-        misfits=(),
-        agrees=True,
-        wrong=(),
         problems=(
             *problems,
             *clock_notes(sides),

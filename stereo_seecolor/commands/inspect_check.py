@@ -100,7 +100,8 @@ def tested_calibration(
     judged = judged.with_motion(rig, matches, pairs, config.input)
     rows, mistake = judged.rows, judged.mistake
     frames = list(map(FrameReader(config.input).read, fitting))
-    limits = _range_limits(rectification, [(one.left, one.right) for one in frames], config)
+    ranges_m = [quick_check(rectification, (one.left, one.right)).range_m for one in frames]
+    limits = range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
     facts = CalibrationFacts(
@@ -122,13 +123,6 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
     with suppress(CalibrationError):  # too few points to tell: said of the rows
         return resolve_convention(rig, images)
     return rig
-
-
-def _range_limits(
-    rectification: Rectification, images: list[tuple[Image, Image]], config: RunConfig
-) -> tuple[RangeLimits, ...]:
-    ranges_m = [quick_check(rectification, both).range_m for both in images]
-    return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
 
 
 def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:

@@ -124,15 +124,10 @@ def measure(
 ) -> SampleMeasures | None:
     """Run the sample pairs in memory; None if none of them goes through."""
     pipeline, reader = Pipeline(rig, config), FrameReader(config.input)
-    results: list[FrameResult] = []
-    seconds: list[float] = []
-    for pair in sample:
-        processed = _processed(pipeline, reader, pair)
-        if processed:
-            results.append(processed[0])
-            seconds.append(processed[1])
-    if not results:
+    processed = [one for pair in sample if (one := _processed(pipeline, reader, pair))]
+    if not processed:
         return None
+    results, seconds = zip(*processed, strict=True)
     known = [np.isfinite(result.range_map.range_m) for result in results]
     medians_m = [
         float(np.median(one.range_map.range_m[of]))

@@ -328,23 +328,19 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
         "voxel": digits(1000 * made.cell_m["voxel_m"]),
         "area": digits(made.area_m2),
     }
-    sentences = [phrase("methods.map", **numbers), phrase(f"methods.track.{_kind_of_track(made)}")]
+    residuals = [
+        point.position_residual_m for point in made.track if point.position_residual_m is not None
+    ]
+    track = phrase(f"methods.track.{'given' if residuals else 'own'}")
+    sentences = [phrase("methods.map", **numbers), track]
     if made.range_scale != 1:
         sentences.append(phrase("methods.scale", factor=digits(made.range_scale, 4)))
     if facts.structure:
         values = _rugosity(facts.structure, lambda meters: f"{digits(1000 * meters)} mm")
         sentences.append(phrase("methods.map_rugosity", **values))
-    residuals = [
-        point.position_residual_m for point in made.track if point.position_residual_m is not None
-    ]
     if residuals:
         sentences.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
     return sentences
-
-
-def _kind_of_track(made: FinishedMap) -> str:
-    given = any(point.position_residual_m is not None for point in made.track)
-    return "given" if given else "own"
 
 
 def citations(facts: DiveFacts) -> list[str]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 
@@ -39,9 +38,8 @@ def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
     known = sorted({key for row in facts.rows for key in row.facts})
     made = {key: {"": [row.facts.get(key) for row in facts.rows]} for key in known}
     made |= _water(facts) | _track(facts)
-    made["seconds"] = {
-        stage: [row.seconds.get(stage) for row in facts.rows] for stage in _stages(facts.rows)
-    }
+    stages = dict.fromkeys(stage for row in facts.rows for stage in row.seconds)
+    made["seconds"] = {stage: [row.seconds.get(stage) for row in facts.rows] for stage in stages}
     rounded = {
         plot: {name: _rounded(column) for name, column in curves.items()}
         for plot, curves in made.items()
@@ -51,10 +49,6 @@ def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
         for plot, curves in rounded.items()
         if any(_varies(column) for column in curves.values())
     }
-
-
-def _stages(rows: Sequence[FrameRow]) -> list[str]:
-    return list(dict.fromkeys(stage for row in rows for stage in row.seconds))
 
 
 def _varies(column: Column) -> bool:
@@ -86,9 +80,8 @@ def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
         for name, water in facts.waters.items()
     }
     made: dict[str, dict[str, Column]] = {}
-    for kind, plot in enumerate(
-        ("water_attenuation", "water_backscatter", "water_attenuation_std")
-    ):
+    plots = ("water_attenuation", "water_backscatter", "water_attenuation_std")
+    for kind, plot in enumerate(plots):
         made[plot] = {
             channel: [
                 float(of_frame[row.name][kind][c]) if row.name in of_frame else None

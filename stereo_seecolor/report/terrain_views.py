@@ -146,10 +146,6 @@ def _window(
         return None
     points = transform_points(T, geometry.rays[::step, ::step][known] * range_m[known, None])
     margin_m = step * float(range_m[known].max()) / geometry.focal_px
-    return _covered(grid, points, margin_m)
-
-
-def _covered(grid: Grid, points: Array, margin_m: float) -> tuple[slice, slice] | None:
     pixels, margin = grid.pixels(points), margin_m / grid.cell_m
     low = np.maximum(np.floor(pixels.min(axis=0) - margin).astype(int), 0)
     high = np.minimum(np.ceil(pixels.max(axis=0) + margin).astype(int) + 1, grid.shape[::-1])

@@ -195,11 +195,6 @@ class KeptRigCheck:
         return _kept_record(cls, cache_file(root, "rig_check"), key)
 
 
-def forget_refinement(root: Path) -> None:
-    """Delete the refined rig of an earlier run."""
-    cache_file(root, "refined_rig").unlink(missing_ok=True)
-
-
 @dataclass(frozen=True)
 class Cost:
     """The cost of a run. memory_bytes: largest memory of one process."""

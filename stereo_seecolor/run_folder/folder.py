@@ -8,10 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-from stereo_seecolor.run_folder.cache import forget_refinement
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
-from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS
+from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS, cache_file
 from stereo_seecolor.run_folder.lease import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
@@ -111,7 +110,7 @@ class RunFolder:
             self.frames.discard(frame.name)
         dive = self.manifest.dive()
         self.owned.delete(dive.files, dive.files)
-        forget_refinement(self.root)
+        cache_file(self.root, "refined_rig").unlink(missing_ok=True)
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
         for folder in (MAP, PAGE, *PRODUCTS, ORIGINAL):
             remove_empty_folders(self.root / folder)
