@@ -26,7 +26,7 @@ from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
 from stereo_seecolor.run_folder.current_frames import CurrentFrames
-from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
+from stereo_seecolor.run_folder.disk_space import check_disk, need_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
@@ -86,15 +86,12 @@ def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, las
     """
     known = set(folder.manifest.names())
     new = sum(name not in known for name in opened.pairing.names)
-    output = opened.pipeline.config.output
-    room = DiskSpace.checked(
-        folder.root, new, need_bytes(output, opened.pipeline.pixels, last == "corrected")
-    )
+    pipeline = opened.pipeline
+    each = need_bytes(pipeline.config.output, pipeline.pixels, last == "corrected")
+    line, is_low = check_disk(folder.root, new, each)
     if new:
-        options.notice(room.line)
-    return (
-        replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_low else opened
-    )
+        options.notice(line)
+    return replace(opened, pairing=opened.pairing.with_notes((line,))) if is_low else opened
 
 
 @contextmanager

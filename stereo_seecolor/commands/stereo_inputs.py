@@ -13,7 +13,7 @@ from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, verdict_of
 from stereo_seecolor.commands.rig_loading import load_rig_for
-from stereo_seecolor.commands.rig_refinement import DiveRefinement
+from stereo_seecolor.commands.rig_refinement import refined_for_dive
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -180,8 +180,8 @@ class Opened:
         if change.out_of_step:
             raise InputError(change.line)
         if images.refine:
-            shared = replace(pairing, pairs=change.shared(pairing.pairs))
-            rig, note = DiveRefinement(folder, shared, images, options).of(pipeline.rig)
+            shared = change.shared(pairing.pairs)
+            rig, note = refined_for_dive(pipeline.rig, shared, images, folder, options)
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if known is None:
