@@ -278,7 +278,7 @@ def _rectified(
     with clock("rectify"):
         frame = pipeline.rectify(raw)
         left, right = (pipeline.rectification.upright(side) for side in (frame.left, frame.right))
-        files = rectified_files(pair.name, left, right, pipeline.config.output)
+        files = rectified_files(pair.name, left, right)
     with clock("write"):
         record = folder.frames.record(pair.name, pair.timestamp_s, inputs, pair.place)
         folder.frames.save(

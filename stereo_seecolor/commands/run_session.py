@@ -14,7 +14,7 @@ from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.names import Names
-from stereo_seecolor.compute.process import core_seconds, peak_bytes
+from stereo_seecolor.compute.process import peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import PairSource
@@ -154,7 +154,7 @@ class _Meter:
         self._began_s, self._core_s = time.perf_counter(), self._used_s()
 
     def _used_s(self) -> float:
-        return core_seconds() + self._compute.usage.core_seconds
+        return time.process_time() + self._compute.usage.core_seconds
 
     def compared(self, summary: RunSummary, root: Path, plan: KeptPlan | None) -> RunSummary:
         """The summary with the planned and the measured cost.
