@@ -32,10 +32,7 @@ from stereo_seecolor.commands.inspect_problems import (
     pairing_problems,
     unknown_files,
 )
-from stereo_seecolor.commands.inspect_rig import (
-    FoundCalibration,
-    find_calibration,
-)
+from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError

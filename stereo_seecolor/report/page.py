@@ -16,7 +16,6 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.chart_records import kept_charts
-from stereo_seecolor.report.example_frames import example_frames
 from stereo_seecolor.report.frame_blocks import FOLDER as FRAME_BLOCKS
 from stereo_seecolor.report.frame_blocks import frame_blocks
 from stereo_seecolor.report.frame_files import FORMAT, FrameFiles, page_stage, raw_is_there
@@ -29,6 +28,7 @@ from stereo_seecolor.report.overview import (
     changed_settings,
     citations,
     dive_facts,
+    example_frames,
     methods,
 )
 from stereo_seecolor.report.page_columns import columns

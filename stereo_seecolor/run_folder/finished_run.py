@@ -333,10 +333,8 @@ def _frame(
     out: Path, record: FrameRecord, dive: DiveRecord, base: Path, geometry: RectifiedPair | None
 ) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
-    source, right = (
-        record.inputs.get("left", record.inputs.get("image")),
-        record.inputs.get("right"),
-    )
+    source = record.inputs.get("left") or record.inputs.get("image")
+    right = record.inputs.get("right")
     return FinishedFrame(
         name=record.name,
         timestamp_s=record.timestamp_s,
