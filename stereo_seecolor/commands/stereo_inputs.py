@@ -160,32 +160,23 @@ class Opened:
 
         Returns the inputs with notes on both, and with the pipeline of the refined rig.
         """
-        pairing, pipeline = self.pairing, self.pipeline
-        of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairing.pairs, pipeline.config))
-        pairing = pairing.with_notes(of_images.notes, of_images.wrong)
+        pairs, pipeline = self.pairing.pairs, self.pipeline
+        of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairs, pipeline.config))
+        pairing = self.pairing.with_notes(of_images.notes, of_images.wrong)
         images = pipeline.config.input
-        key = content_key(
-            __version__,
-            pipeline.settings,
-            images.refine,
-            len(pairing.pairs),
-            pairing.pairs[-1].name,
-        )
-        known = KeptRigCheck.load(folder.root, key)
-        change = (
-            DiveChange()
-            if known
-            else find_change(pipeline.rectification, pairing.pairs, pipeline.config.input)
-        )
+        key = content_key(__version__, pipeline.settings, images.refine, len(pairs), pairs[-1].name)
+        known, change = KeptRigCheck.load(folder.root, key), DiveChange()
+        if known is None:
+            change = find_change(pipeline.rectification, pairs, images)
         if change.out_of_step:
             raise InputError(change.line)
         if images.refine:
-            shared = change.shared(pairing.pairs)
+            shared = change.shared(pairs)
             rig, note = refined_for_dive(pipeline.rig, shared, images, folder, options)
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if known is None:
-            found = check_rig(pipeline, pairing.pairs, change)
+            found = check_rig(pipeline, pairs, change)
             left_out = dict.fromkeys(change.odd, LEFT_OUT)
             known = KeptRigCheck(found.notes, bool(found.wrong), found.measured, left_out)
             known.save(folder.root, key)
