@@ -58,10 +58,10 @@ def _refined(
     if not found.better:
         unchanged = "calibration: used unchanged, because the refined one is not better"
         return rig, f"{unchanged}: {found.summary}"
-    if found.before_px > LIMITS.wrong_px and (
-        mistake := likely_mistake(rig, first_images(pairs, images))
-    ):
-        raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
+    if found.before_px > LIMITS.wrong_px:
+        first = first_images(pairs, images)
+        if mistake := likely_mistake(rig, first):
+            raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
     return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
 
 

@@ -106,7 +106,7 @@ def held(root: Path) -> Iterator[Holder]:
 
     Raises OutputError if it cannot be written, or is held already.
     """
-    lock = FileLock(state(root, LOCK), timeout=0)
+    lock, is_new, made = FileLock(state(root, LOCK), timeout=0), False, list[Path]()
     try:
         is_new = not state(root, LOCK).exists()
         made = [folder for folder in (state(root), root, *root.parents) if not folder.exists()]
