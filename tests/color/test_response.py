@@ -357,3 +357,9 @@ def test_frames_that_were_balanced_one_by_one_are_named(tmp_path: Path) -> None:
     assert "5 frames of the dive have the same mean of red" in notes(balanced=True, scenes=5)[-1]
     for varied in (notes(balanced=False, scenes=5), notes(balanced=False, scenes=1)):
         assert not any("same mean" in note for note in varied)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (9, 9), (19, 25), (20, 9)])
+def test_images_of_less_than_a_block_have_no_noise(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(0).integers(1, 250, (*shape, 3), np.uint8)
+    assert measure_response([image] * 3).verdict == "undecided"

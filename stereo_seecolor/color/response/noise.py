@@ -109,8 +109,10 @@ def dark_value(plane: Values) -> int:
 
 def _native_sites(plane: Plane) -> Plane:
     """Every second row and column, where a color filter array let the channel be seen; the whole
-    plane where all sites have the same noise.
+    plane where all sites have the same noise, or are less than a block.
     """
+    if min(plane.shape) < 2 * BLOCK_PX:
+        return plane
     phases = [np.ascontiguousarray(plane[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
     noise = [_least_noise(phase) for phase in phases]
     if not min(noise) > 0 or max(noise) < NATIVE * min(noise):
@@ -131,8 +133,10 @@ def _variances(plane: Plane, kernel: NDArray[np.float32]) -> Plane:
 
 
 def _means(plane: Plane) -> Plane:
-    """Of each block."""
+    """Of each block; images of less than a block have none."""
     rows, _, columns, _ = _cut(plane).shape
+    if not rows * columns:
+        return np.zeros((rows, columns), np.float32)
     cut = plane[: rows * BLOCK_PX, : columns * BLOCK_PX]
     return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA))
 
