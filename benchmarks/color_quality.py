@@ -8,7 +8,6 @@ Seeds below 100 were looked at while the method was made; those from 100 on were
 
 import argparse
 import itertools
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import add_data
 from color_cases import Case, make_case
 
 from stereo_seecolor.color.corrector import Corrector
@@ -281,12 +281,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--reef-seed", type=int, default=100)
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")),
-        help="of real frames: tests/DATA.md",
-    )
+    add_data(parser)
     parser.add_argument("--methods", help="only methods whose name holds this")
     asked = parser.parse_args()
     start = time.perf_counter()

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
+from arguments import sides
 
 PROGRAM = (sys.executable, "-m", "stereo_seecolor")
 MAP = ("mapping.voxel_m=0.02", "mapping.tile_m=0.75", "mapping.mosaic_m=0.02", "mapping.dem_m=0.02")
@@ -185,21 +186,11 @@ def kills(folder: Path, pairs: int, harm: Harm) -> None:
             "none",
         ]
         subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-    given = [
-        "--left",
-        dive / "left",
-        "--right",
-        dive / "right",
-        "--calib",
-        dive / "cam.yaml",
-        "--fuse",
-        "--progress",
-        "none",
-    ]
+    given = [*sides(dive), "--fuse", "--progress", "none"]
     settings = [word for setting in MAP for word in ("--set", setting)]
 
     def command(out: Path) -> list[str]:
-        return [*PROGRAM, "run", *map(str, given), *settings, "--out", str(out)]
+        return [*PROGRAM, "run", *given, *settings, "--out", str(out)]
 
     # kept where it was made before
     subprocess.run(command(folder / "threads"), check=True, stdout=subprocess.DEVNULL)

@@ -23,7 +23,7 @@ from threading import Thread
 
 import psutil
 
-from stereo_seecolor.extras.fleet.cluster import worker
+from stereo_seecolor.extras.fleet.cluster import batches
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 from stereo_seecolor.inputs.pairing import Pair
 
@@ -151,14 +151,14 @@ def measure_scheduler(pairs: int, workers: int) -> None:
             )
             for one in PASSES:
                 used_s, begun_s, number = sum(process.cpu_times()[:2]), time.monotonic(), 0
-                worker.SETTINGS = worker.BatchSettings(
+                batches.SETTINGS = batches.BatchSettings(
                     most=max(PAIRS_A_BATCH // one.pairs_an_item, 1)
                 )
                 with cluster(address) as compute:
                     for _ in compute.each(one.answer, Pairs(pairs, one.pairs_an_item)):
                         number += 1
                 used_s = sum(process.cpu_times()[:2]) - used_s
-                count = number // worker.SETTINGS.most
+                count = number // batches.SETTINGS.most
                 took = (
                     f"{time.monotonic() - begun_s:.0f} s, {1000 * used_s / max(count, 1):.1f} "
                     "ms of the scheduler a batch"

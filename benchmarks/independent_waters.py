@@ -7,12 +7,12 @@ Scenes: those of color_cases.py, and photographs with their geometry. Waters: sy
 """
 
 import argparse
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import add_data
 from color_cases import Case, make_range, make_truth
 from color_quality import METHODS_COMPARED, score, true_water
 
@@ -87,12 +87,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")),
-        help="of real frames: tests/DATA.md",
-    )
+    add_data(parser)
     parser.add_argument("--methods", default="", help="only methods whose name holds this")
     asked = parser.parse_args()
     methods = {

@@ -11,7 +11,6 @@ it is measured with the same steps. Seeds 1 to 3 and 11 to 13 were at hand when 
 chosen, seeds 101 to 103 for areas and heights of outlines. FOLDER keeps dives and runs.
 """
 
-import argparse
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import parser_of
 from numpy.typing import NDArray
 
 from stereo_seecolor.commands.fuse import fuse
@@ -42,11 +42,11 @@ from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, open_site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
+from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.extras.synthetic.synthesize import synthesize
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.height_errors import height_stds
@@ -537,9 +537,7 @@ def main(folder: Path, reefs: int, first_seed: int, samples: int) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--reefs", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=1)

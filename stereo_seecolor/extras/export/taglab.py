@@ -33,8 +33,8 @@ def write(posed: PosedRun, folder: Path) -> None:
     with open_map_raster(posed, MOSAIC, 4) as mosaic:
         if max(mosaic.width, mosaic.height) > MOST_PX:
             raise InputError(
-                f"{posed.map_folder / MOSAIC}: has more than {MOST_PX} px on a side, TagLab's limit: "
-                "fuse with a larger mapping.mosaic_m"
+                f"{posed.map_folder / MOSAIC}: has more than {MOST_PX} px on a side, TagLab's "
+                "limit: fuse with a larger mapping.mosaic_m"
             )
         _write_colors(mosaic, folder / "rgb.tif")
         # what cannot be read is named by the innermost
