@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from arguments import add_data
 from color_cases import Case, make_case
+from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.response.measure import measure_response
@@ -27,7 +28,7 @@ from stereo_seecolor.extras.evaluation.charts.targets import neutral, read_targe
 from stereo_seecolor.extras.evaluation.measures import score_neutral, score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import Water
+from stereo_seecolor.records import Map, Water
 
 Result = np.ndarray
 Method = Callable[[Case], Result]
@@ -152,21 +153,21 @@ def reef_cases(
         )
 
 
-def picture_cases(data: Path) -> Iterator[Case]:
-    """Two pictures with their geometry (Middlebury's teddy, OpenCV's aloe) through three waters, at
-    and below the surface.
-    """
-    from stereo_seecolor.extras.synthetic.waters import lit_water
-
-    rng = np.random.default_rng(100)
-    for name, disparity, picture in (
-        ("teddy", "disparity_x4.pgm", "left.png"),
-        ("aloe", "disparity.png", "left.png"),
-    ):
+def pictures(data: Path) -> Iterator[tuple[str, NDArray[np.float64], Map]]:
+    """Two pictures with their geometry: Middlebury's teddy, OpenCV's aloe. Name, light, range."""
+    for name, disparity in (("teddy", "disparity_x4.pgm"), ("aloe", "disparity.png")):
         values = cv2.imread(str(data / name / disparity), cv2.IMREAD_GRAYSCALE).astype(np.float64)
         nearest = np.quantile(values[values > 5], 0.98)
         range_m = np.where(values > 5, nearest / np.maximum(values, 1), np.nan).astype(np.float32)
-        truth = decode_srgb(cv2.imread(str(data / name / picture))[..., ::-1] / 255.0)
+        yield name, decode_srgb(cv2.imread(str(data / name / "left.png"))[..., ::-1] / 255), range_m
+
+
+def picture_cases(data: Path) -> Iterator[Case]:
+    """The pictures through three waters, at and below the surface."""
+    from stereo_seecolor.extras.synthetic.waters import lit_water
+
+    rng = np.random.default_rng(100)
+    for name, truth, range_m in pictures(data):
         for water_name, depth_m in itertools.product(WATERS, (0.01, 4.0, 9.0)):
             water = lit_water(water_name, depth_m, max(depth_m - 1, 0.0), 1.5).water
             light = truth * water.white * water.attenuation(range_m) + water.backscatter(range_m)

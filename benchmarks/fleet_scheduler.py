@@ -12,7 +12,6 @@ import logging
 import multiprocessing
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 
 import psutil
+from fleet_kills import scheduler_words
 
 from stereo_seecolor.extras.fleet.cluster import batches
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
@@ -124,19 +124,9 @@ class Pairs:
 def measure_scheduler(pairs: int, workers: int) -> None:
     """All passes, and what the scheduler took."""
     address = f"tcp://127.0.0.1:{PORT}"
-    command = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        str(PORT),
-        "--no-show",
-    ]
     with (
         TemporaryDirectory() as folder,
-        subprocess.Popen(command, stderr=subprocess.DEVNULL) as scheduler,
+        subprocess.Popen(scheduler_words(PORT), stderr=subprocess.DEVNULL) as scheduler,
     ):
         context = multiprocessing.get_context("spawn")
         up = context.Event()

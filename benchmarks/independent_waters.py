@@ -10,14 +10,13 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from arguments import add_data
 from color_cases import Case, make_range, make_truth
-from color_quality import METHODS_COMPARED, score, true_water
+from color_quality import METHODS_COMPARED, pictures, score, true_water
 
 from stereo_seecolor.extras.synthetic.measured_waters import Kind, draw_contents, draw_water
-from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.files.srgb import encode_srgb
 
 KINDS: tuple[Kind, ...] = ("ocean", "coast", "harbor")
 
@@ -74,11 +73,7 @@ def drawn(kind: Kind, first: int, number: int) -> Iterator[Case]:
 
 
 def photographs(data: Path, kind: Kind, number: int) -> Iterator[Case]:
-    for name, disparity in (("teddy", "disparity_x4.pgm"), ("aloe", "disparity.png")):
-        values = cv2.imread(str(data / name / disparity), cv2.IMREAD_GRAYSCALE).astype(np.float64)
-        nearest = np.quantile(values[values > 5], 0.98)
-        range_m = np.where(values > 5, nearest / np.maximum(values, 1), np.nan).astype(np.float32)
-        truth = decode_srgb(cv2.imread(str(data / name / "left.png"))[..., ::-1] / 255.0)
+    for name, truth, range_m in pictures(data):
         for seed in range(number):
             yield seen(name, truth, range_m * 2, kind, np.random.default_rng([78, seed]))
 

@@ -4,13 +4,13 @@
 without water, by drawn cameras, which are those of the prior of the water.
 """
 
+import argparse
 import csv
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from arguments import parser_of
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.scene_colors import COLORS, SceneColors
@@ -91,7 +91,9 @@ def _scene(spectra: Array, kind_of: NDArray[np.intp], rng: np.random.Generator) 
 
 
 def main() -> None:
-    parser_of(__doc__).parse_args()
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     made = mixed()
     content = {
         name: np.round(getattr(made, name), 4).tolist() for name in ("mean", "channels", "cast")

@@ -11,6 +11,7 @@ it is measured with the same steps. Seeds 1 to 3 and 11 to 13 were at hand when 
 chosen, seeds 101 to 103 for areas and heights of outlines. FOLDER keeps dives and runs.
 """
 
+import argparse
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from arguments import parser_of
 from numpy.typing import NDArray
 
 from stereo_seecolor.commands.fuse import fuse
@@ -537,7 +537,9 @@ def main(folder: Path, reefs: int, first_seed: int, samples: int) -> None:
 
 
 if __name__ == "__main__":
-    parser = parser_of(__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--reefs", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=1)
