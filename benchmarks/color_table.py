@@ -34,7 +34,6 @@ from photographs_in_water import OPTICAL_DEPTHS, cases_of
 from photographs_in_water import score as score_photograph
 from skimage import data as photographs
 
-from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
@@ -51,6 +50,7 @@ from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.run_folder.finished_run import open_run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -135,9 +135,9 @@ def dive_results(
     """
     run(left, right, rig, out, config)
     finished = open_run(out)
-    raw = RawImages(finished)
+    files = FrameFiles.rectifying(finished)
     for frame in finished.frames:
-        image, range_m = raw.rectified(frame.name), frame.measured_range_m()
+        image, range_m = files.raw(frame), frame.measured_range_m()
         case = Case(frame.name, image, range_m, image / 255.0, None)
         results = {name: METHODS_COMPARED[name](case) for name in methods if name != OURS}
         yield frame.name, range_m, {**results, OURS: frame.read("corrected") / 255.0}

@@ -204,7 +204,7 @@ class Workers:
         gains = np.log(1 + np.arange(number) % 5) + 0.02 * rng.standard_normal(number)
 
         def looked(_: Any, numbers: Any, look: Any, parts: int = 1) -> Iterator[Any]:
-            if isinstance(look, light_search._WindowMatcher):
+            if look.func is light_search.windows_of:
                 windows = self._sampled.windows
                 for at, frame in enumerate(numbers):
                     window = windows[at % len(windows)]

@@ -66,8 +66,8 @@ BREAKS = (
     Break(
         "light solver: outliers weigh as much as the others",
         "stereo_seecolor/color/photometry/light_solver.py",
-        "1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own",
-        "np.ones_like(own) for own",
+        "part.seen / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2)",
+        "part.seen",
         "color/test_color_light.py",
     ),
     Break(

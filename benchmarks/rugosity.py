@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
-from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic import survey
 from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef
@@ -45,7 +45,6 @@ from stereo_seecolor.mapping.raster.structure import (
 )
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.report.terrain_errors import terrain_errors
 
 STEEPNESS = (0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0, 1.0, 1.0)
 """Factor on all heights of a reef: from flat to the branching corals of the synthetic dive."""

@@ -41,7 +41,7 @@ from stereo_seecolor.extras.reef.measure import surface_of
 from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, open_site
-from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
@@ -61,7 +61,6 @@ from stereo_seecolor.mapping.raster.structure import (
     structure,
 )
 from stereo_seecolor.report.height_code import height_std_m as typical_std_m
-from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 

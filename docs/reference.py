@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 
 from stereo_seecolor.cli.app import every_command, program
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.run_folder import replaced_results
+from stereo_seecolor.run_folder.replaced_results import REPLACES
 
 HERE = Path(__file__).parent
 BOUNDS = {Gt: "above", Ge: "from", Lt: "below", Le: "to"}
@@ -257,13 +257,18 @@ def paragraph(text: str) -> str:
 
 
 def output_folder_page() -> str:
-    """The page as it is, with the table of what each command may delete or replace written anew."""
+    """The page as it is, with the table of what each command may delete or replace written anew;
+    commands with the same rule share a row.
+    """
     head, begin, rest = (
         (HERE / "output-folder.md").read_text(encoding="utf-8").partition(REPLACED_BEGIN)
     )
-    return (
-        f"{head}{begin}\n{replaced_results.table()}{REPLACED_END}{rest.partition(REPLACED_END)[2]}"
-    )
+    commands: dict[str, list[str]] = {}
+    for command, rule in REPLACES.items():
+        commands.setdefault(rule.what, []).append(f"`{command}`")
+    rows = [f"| {', '.join(names)} | {what} |" for what, names in commands.items()]
+    table = "\n".join(["| command | may delete or replace |", "| --- | --- |", *rows, ""])
+    return f"{head}{begin}\n{table}{REPLACED_END}{rest.partition(REPLACED_END)[2]}"
 
 
 def main(check: bool) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import Rectification, RectifiedPair, StereoRig
+from calibration import Rectification, StereoRig
 from calibration.formats import load_rig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
@@ -72,6 +72,8 @@ class Pipeline:
 
     Attributes:
         geometry: Of the rectified images.
+        matched_by: Of the images that ranges are matched in.
+        makes_ranges: Whether range maps are written to OUT.
         seen: (H, W) bool, where rectified images show something; None = everywhere.
         original: The geometry of the unrectified left camera; None if no product uses it.
         settings: Hash of everything except the two images that a range map depends on.
@@ -87,8 +89,7 @@ class Pipeline:
         self.rig = rig = rig if isinstance(rig, StereoRig) else load_rig(rig)
         self.config = config or RunConfig()
         self.rectification = Rectification.from_rig(rig)
-        self.geometry: RectifiedPair | None = self.rectification.pair
-        self.matched_by: RectifiedPair | None = self.geometry
+        self.geometry = self.matched_by = self.rectification.pair
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
         self.original = (
@@ -236,11 +237,8 @@ class Pipeline:
         Raises:
             CalibrationError: For images of another size than the calibration's.
         """
-        left, right = (
-            self._rectifier.apply_left(frame.left),
-            self._rectifier.apply_right(frame.right),
-        )
-        return replace(frame, left=left, right=right)
+        left = self._rectifier.apply_left(frame.left)
+        return replace(frame, left=left, right=self._rectifier.apply_right(frame.right))
 
     def _response_of(self, frame: StereoFrame) -> Response:
         """The response of a frame that came without a dive: the first one is measured."""

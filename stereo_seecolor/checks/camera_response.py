@@ -9,6 +9,7 @@ import numpy as np
 
 from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -93,8 +94,9 @@ def _measured(files: Sequence[Path], images: Sequence[Image]) -> MeasuredRespons
 
 
 def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
-    images = []
-    for path in files:
+    def read(path: Path) -> Image | None:
         with suppress(InputError):  # the run names it
-            images.append(read_image(path, config))
-    return images
+            return read_image(path, config)
+        return None
+
+    return [image for image in Threads(cores()).each(read, files) if image is not None]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.errors import counted
+from stereo_seecolor.commands.described_frames import describe_frames
 from stereo_seecolor.compute.compiled import STAGE
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.process import return_freed
@@ -25,7 +26,6 @@ from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
-from stereo_seecolor.commands.described_frames import describe_frames
 
 
 def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:

@@ -23,14 +23,16 @@ from stereo_seecolor.commands.inspect_check import (
     tested_calibration,
 )
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
-from stereo_seecolor.commands.inspect_pairing import problems_of_images
 from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
-from stereo_seecolor.commands.inspect_rig import (
-    FoundCalibration,
-    find_calibration,
-    refused_calibrations,
+from stereo_seecolor.commands.inspect_problems import (
+    calibration_problems,
+    clock_notes,
+    missing_calibration,
+    one_camera_notes,
+    pairing_problems,
+    unknown_files,
 )
-from stereo_seecolor.commands.inspect_unknown import unknown_files
+from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -38,11 +40,10 @@ from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
 from stereo_seecolor.inputs.listing import EXTENSIONS, unread_hint
-from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.inputs.patterns import folder_of, is_pattern
 from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.video_frames import VideoFacts, is_video, size_of_side, video_facts
-from stereo_seecolor.inputs.video_streams import recorded_at
 from stereo_seecolor.records import Numbers
 
 SAMPLE_PAIRS = 6
@@ -74,19 +75,19 @@ class Inspection:
     sides: Sides
     left: ImageFacts | VideoFacts
     right: ImageFacts | VideoFacts
-    pairs: int
-    unpaired: int
-    interval_s: float | None
-    exposure_recorded: bool
-    calibrations: tuple[Path, ...]
-    calibration: CalibrationFacts | None
-    poses: tuple[FoundPoses, ...]
-    measured: SampleMeasures | None
-    misfits: tuple[Misfit, ...]
-    agrees: bool
-    wrong: tuple[Numbers, ...]
-    problems: tuple[str, ...]
-    run_command: str
+    pairs: int = 0
+    unpaired: int = 0
+    interval_s: float | None = None
+    exposure_recorded: bool = False
+    calibrations: tuple[Path, ...] = ()
+    calibration: CalibrationFacts | None = None
+    poses: tuple[FoundPoses, ...] = ()
+    measured: SampleMeasures | None = None
+    misfits: tuple[Misfit, ...] = ()
+    agrees: bool = True
+    wrong: tuple[Numbers, ...] = ()
+    problems: tuple[str, ...] = ()
+    run_command: str = ""
 
     @property
     def is_wrong(self) -> bool:
@@ -142,6 +143,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairing.pairs, config))
     sample, unlike = alike(evenly_spaced(pairing.pairs, SAMPLE_PAIRS), config)
     left, right = image_facts(sample[0].left), image_facts(sample[0].right)
+    capture = FrameReader(config.input).capture(sample[0].left)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
     tested = NOTHING_TESTED
@@ -150,13 +152,13 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         tested = tested_calibration(found[0], pairing, sample, config)
     poses, unread = find_poses(places, pairing.pairs, {one.path for one in found})
     problems = (
-        *problems_of_images(sides, pairing, _doubtful(sides, tested)),
+        *pairing_problems(sides, pairing, _doubtful(sides, tested)),
         *notes,
         *of_images.notes,
         *response,
         *unlike,
-        *_missing_calibration(places, found, left.size),
-        *_problems_of_calibration(found, tested),
+        *missing_calibration(places, found, left.size),
+        *calibration_problems(found, tested),
         *(f"range: {limit.note}" for limit in tested.limits),
         *unread,
     )
@@ -169,7 +171,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         pairs=len(pairing.pairs),
         unpaired=len(pairing.unpaired),
         interval_s=_interval_s(pairing),
-        exposure_recorded=_exposure_recorded(sample[0], config),
+        exposure_recorded=capture.relative_exposure is not None,
         calibrations=tuple(one.path for one in found),
         calibration=tested.facts,
         poses=poses,
@@ -253,18 +255,8 @@ def command_line(
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
     if _doubtful(sides, tested):
         first, second = Path("LEFT"), Path("RIGHT")
-    words = [
-        "stereo-seecolor",
-        "run",
-        "--left",
-        str(first),
-        "--right",
-        str(second),
-        "--calib",
-        calib,
-        "--out",
-        "out",
-    ]
+    words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second)]
+    words += ["--calib", calib, "--out", "out"]
     if tested.exchanged and first == second:
         words += ["--set", "input.right_half_first=true"]
     if rows and rows.has_moved:
@@ -282,110 +274,26 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     paths = tuple(one.path for one in found)
     poses, unread = find_poses(places, (), paths)
     problems = (
-        *_missing_calibration(places, found, size),
-        *_problems_of_calibration(found, NOTHING_TESTED),
+        *missing_calibration(places, found, size),
+        *calibration_problems(found, NOTHING_TESTED),
         *unread,
     )
     return Inspection(
         sides=sides,
         left=video_facts(sides.left),
         right=video_facts(sides.right),
-        pairs=0,
-        unpaired=0,
-        interval_s=None,
-        exposure_recorded=False,
         calibrations=paths,
-        calibration=None,
         poses=poses,
-        measured=None,
-        misfits=(),
-        agrees=True,
-        wrong=(),
         problems=(
             *problems,
-            *_clocks(sides),
-            *_one_camera(sides, size),
+            *clock_notes(sides),
+            *one_camera_notes(sides, size),
             *unknown_files(places, {*paths, *(one.path for one in poses)}, problems),
         ),
         run_command=command_line(sides, found),
     )
 
 
-def _one_camera(sides: Sides, size: tuple[int, int]) -> tuple[str, ...]:
-    """A line for one video whose pictures are hardly wide enough to show two cameras. size: of a
-    half.
-    """
-    width, height = size
-    if sides.left != sides.right or width >= height:
-        return ()
-    return (
-        f"{sides.left.name} is read as both cameras side by side, {width}x{height} px each: if "
-        "it shows only one camera, give the video of the other camera, too",
-    )
-
-
-def _clocks(sides: Sides) -> tuple[str, ...]:
-    """What is known of the offset of two videos."""
-    if sides.left == sides.right:
-        return ()
-    began = [recorded_at(path) for path in (sides.left, sides.right)]
-    command = shlex.join(["stereo-seecolor", "sync", str(sides.left), str(sides.right)])
-    if began[0] is None or began[1] is None:
-        return (f"'run' finds the offset of the two videos; '{command}' prints it",)
-    return (
-        f"by the clocks of the cameras the right video began {began[1] - began[0]:+.0f} s after "
-        f"the left one; 'run' finds the offset of their frames, and '{command}' prints it",
-    )
-
-
 def _interval_s(pairing: Pairing) -> float | None:
     times = [pair.timestamp_s for pair in pairing.pairs if pair.timestamp_s is not None]
     return float(np.median(np.diff(times))) if len(times) > 1 else None
-
-
-def _exposure_recorded(pair: Pair, config: RunConfig) -> bool:
-    frame = FrameReader(config.input).read(pair)
-    return frame.left_capture.relative_exposure is not None
-
-
-def _missing_calibration(
-    places: Sequence[Path], calibrations: Sequence[FoundCalibration], size: tuple[int, int]
-) -> tuple[str, ...]:
-    """Where no calibration was found: why files that look like one were refused, or how to
-    make one.
-    """
-    if calibrations:
-        return ()
-    refused = refused_calibrations(places, size)
-    return refused or (
-        "no calibration was found: make one with 'stereo-seecolor calibrate' from images of a "
-        "target",
-    )
-
-
-def _problems_of_calibration(
-    calibrations: Sequence[FoundCalibration], tested: Tested
-) -> tuple[str, ...]:
-    """A line on each problem of the calibrations found, and of the one that was tested."""
-    problems = []
-    if len(calibrations) > 1:
-        names = ", ".join(one.path.name for one in calibrations[:5])
-        problems.append(f"{len(calibrations)} calibrations were found, the first was used: {names}")
-    if tested.facts:
-        problems += tested.facts.suspicions
-        if tested.mistake:
-            problems.append(tested.mistake.line)
-        elif not tested.fitting:
-            problems.append(
-                "no sample pair shows one scene with this calibration: first pair left and right "
-                "images of the same moments, or give the calibration of this rig"
-            )
-        elif tested.rows is None:
-            problems.append(
-                "too few points were found in both images of the sample pairs to test the "
-                "calibration"
-            )
-        else:
-            problems += tested.rows.advice
-        problems += ["the run line exchanges the sides"] if tested.exchanged else []
-    return tuple(problems)

@@ -99,13 +99,15 @@ def tested_calibration(
     judged = judge_rig(rig, matches, pairs, config.input, change)
     judged = judged.with_motion(rig, matches, pairs, config.input)
     rows, mistake = judged.rows, judged.mistake
-    limits = _range_limits(rectification, _images(fitting, config), config)
+    frames = list(map(FrameReader(config.input).read, fitting))
+    ranges_m = [quick_check(rectification, (one.left, one.right)).range_m for one in frames]
+    limits = range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
     facts = CalibrationFacts(
         calibration.path, calibration.format, rig_facts(rig), vertical, rows, suspicions(rig)
     )
-    unrelated = rows is None and mistake is None and any(_have_texture(fitting, config))
+    unrelated = rows is None and mistake is None and not all(map(sides_without_texture, frames))
     if not fitting or unrelated or mistake or (rows and (rows.swapped or rows.refusal)):
         return Tested(facts, wrong, fitting=bool(fitting) and not unrelated, mistake=mistake)
     matching = config.matching.model_copy(update={limit.key: limit.fits_m for limit in limits})
@@ -121,19 +123,6 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
     with suppress(CalibrationError):  # too few points to tell: said of the rows
         return resolve_convention(rig, images)
     return rig
-
-
-def _range_limits(
-    rectification: Rectification, images: list[tuple[Image, Image]], config: RunConfig
-) -> tuple[RangeLimits, ...]:
-    ranges_m = [quick_check(rectification, both).range_m for both in images]
-    return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
-
-
-def _have_texture(sample: Sequence[Pair], config: RunConfig) -> list[bool]:
-    return [
-        not sides_without_texture(frame) for frame in map(FrameReader(config.input).read, sample)
-    ]
 
 
 def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:

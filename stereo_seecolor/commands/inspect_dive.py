@@ -94,11 +94,8 @@ def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tu
 
 def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
     text = f"is {size[0]}x{size[1]} px, and most images are {other[0]}x{other[1]} px"
-    return (
-        f"{text}: rotated by 90 degrees, perhaps only by its EXIF orientation"
-        if size == other[::-1]
-        else text
-    )
+    turned = ": rotated by 90 degrees, perhaps only by its EXIF orientation"
+    return f"{text}{turned if size == other[::-1] else ''}"
 
 
 def misfits(
@@ -127,15 +124,10 @@ def measure(
 ) -> SampleMeasures | None:
     """Run the sample pairs in memory; None if none of them goes through."""
     pipeline, reader = Pipeline(rig, config), FrameReader(config.input)
-    results: list[FrameResult] = []
-    seconds: list[float] = []
-    for pair in sample:
-        processed = _processed(pipeline, reader, pair)
-        if processed:
-            results.append(processed[0])
-            seconds.append(processed[1])
-    if not results:
+    processed = [one for pair in sample if (one := _processed(pipeline, reader, pair))]
+    if not processed:
         return None
+    results, seconds = zip(*processed, strict=True)
     known = [np.isfinite(result.range_map.range_m) for result in results]
     medians_m = [
         float(np.median(one.range_map.range_m[of]))

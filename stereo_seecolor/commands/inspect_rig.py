@@ -13,23 +13,8 @@ from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.sides import DEEPEST
 
 EXTENSIONS = frozenset(
-    {
-        ".yaml",
-        ".yml",
-        ".json",
-        ".xml",
-        ".mat",
-        ".npz",
-        ".cam",
-        ".calib",
-        ".txt",
-        ".cfg",
-        ".conf",
-        ".toml",
-        ".krtd",
-        ".npy",
-        ".csv",
-    }
+    {".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".calib", ".txt", ".cfg", ".conf"}
+    | {".toml", ".krtd", ".npy", ".csv"}
 )
 
 ARCHIVES = frozenset({".zip", ".gz", ".tgz", ".7z", ".rar"})

@@ -4,7 +4,7 @@ pairs of a dive.
 ``pipeline.py`` takes one pair through the same steps in memory; ``fuse.py`` makes the map.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -37,7 +37,7 @@ from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
-from stereo_seecolor.run_folder.layout import RECTIFIED_RIG, WATER
+from stereo_seecolor.run_folder.layout import RECTIFIED_RIG, WATER, Stage
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.ownership import Owner
 from stereo_seecolor.run_folder.pair_files import rectified_files
@@ -89,16 +89,20 @@ def run_inputs(
     Raises as ``run``, and DeviceError if a library for bags or videos is missing.
     """
     config, options = config or RunConfig(), options or RunOptions()
+    last: Stage = "corrected"
+    passes: Sequence[str] = ("ranges", "light", "waters", "colors")
     if not options.shard.whole and options.water is None:
-        return _count_shard(inputs, out, config, options)
-    with stereo_run(
-        inputs, out, config, options, "corrected", ("ranges", "light", "waters", "colors")
-    ) as run:
+        last, passes = "range", ("ranges", "waters")
+    with stereo_run(inputs, out, config, options, last, passes) as run:
         if options.shard.whole:
             given = _given_waters(run)
             color(run, measure_ranges(run), given)
         elif options.water:
             color_with(run, read_known_waters(options.water, [pair.name for pair in run.pairs]))
+        else:  # ranges and moment tables, to which ``merge`` fits the water
+            measure_ranges(run)
+            for _ in count_frames(run, None):
+                pass
     return run.summary
 
 
@@ -129,17 +133,6 @@ def color_with(run: DiveRun, waters: Mapping[str, Water]) -> None:
     measure_ranges(run)
     run.folder.dive.write(WATER, waters_content(waters))
     correct_frames(run, NO_LIGHT, waters)
-
-
-def _count_shard(
-    inputs: DiveInputs, out: Path, config: RunConfig, options: RunOptions
-) -> RunSummary:
-    """Range maps and moment tables of a part of a dive, to which ``merge`` fits the water."""
-    with stereo_run(inputs, out, config, options, "range", ("ranges", "waters")) as run:
-        measure_ranges(run)
-        for _ in count_frames(run, None):
-            pass
-    return run.summary
 
 
 def range_maps(
@@ -215,20 +208,12 @@ def correct(
     pairing = pairing.with_notes((*found.notes, *notes), found.wrong)
     paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
     owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
-    inputs, read = (
-        {"images": str(images), "range": str(ranges)},
-        [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)],
-    )
+    inputs = {"images": str(images), "range": str(ranges)}
+    read = [*folders_of(images), *folders_of(ranges, RANGE_EXTENSIONS)]
+    source = RangedImages(config, geometry_of_ranges(ranges))
+    passes = ("ranges", "waters", "colors")
     with RunFolder(out, folder_request(owner, config, options, read)) as folder:
-        with run_session(
-            RangedImages(config, geometry_of_ranges(ranges)),
-            pairing,
-            inputs,
-            folder,
-            options,
-            "corrected",
-            ("ranges", "waters", "colors"),
-        ) as run:
+        with run_session(source, pairing, inputs, folder, options, "corrected", passes) as run:
             given = _given_waters(run)
             color(run, measure_ranges(run), given)
         return run.summary
@@ -265,9 +250,8 @@ def rectify(
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)
     before = inputs.open_first(config)
-    with RunFolder(
-        out, folder_request(inputs.owner("rectify", before), config, options, inputs.paths)
-    ) as folder:
+    request = folder_request(inputs.owner("rectify", before), config, options, inputs.paths)
+    with RunFolder(out, request) as folder:
         opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pipeline = opened.pipeline
         with run_session(
@@ -294,7 +278,7 @@ def _rectified(
     with clock("rectify"):
         frame = pipeline.rectify(raw)
         left, right = (pipeline.rectification.upright(side) for side in (frame.left, frame.right))
-        files = rectified_files(pair.name, left, right, pipeline.config.output)
+        files = rectified_files(pair.name, left, right)
     with clock("write"):
         record = folder.frames.record(pair.name, pair.timestamp_s, inputs, pair.place)
         folder.frames.save(

@@ -1,20 +1,16 @@
 """The page that a run writes at its end, and, if asked for, while it works."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
 
+from stereo_seecolor.dive.frames import PageFiles
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.progress import Both
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX
-from stereo_seecolor.run_folder.reports import (
-    RunDescription,
-)
-
-if TYPE_CHECKING:
-    from stereo_seecolor.report.early_frames import EarlyFrames
+from stereo_seecolor.run_folder.reports import RunDescription
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,21 +37,16 @@ class RunPage:
         )
         return replace(self.options, listener=Both(self.options.listener, live))
 
-    def early_frames(self) -> "EarlyFrames | None":
+    def early_files(self) -> PageFiles | None:
         """What makes the page's files of frames while the run has their pixels; None where the run
         writes no page.
         """
-        if (
-            self.options.page == "none"
-            or self.run.last != "corrected"
-            or self.run.rectification is None
-        ):
+        whole = self.options.page != "none" and self.options.shard.whole
+        if not whole or self.run.last != "corrected" or self.run.rectification is None:
             return None
-        if not self.options.shard.whole:
-            return None
-        from stereo_seecolor.report.early_frames import EarlyFrames
+        from stereo_seecolor.report.frame_files import early_files
 
-        return EarlyFrames(self.run.rectification.pair)
+        return partial(early_files, self.run.rectification.pair)
 
     def keep(self) -> None:
         """Keep the live page until the final one replaces it: a browser that finds no page stops

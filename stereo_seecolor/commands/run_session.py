@@ -9,11 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.run_cost import Meter
 from stereo_seecolor.commands.run_page import RunPage
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened
 from stereo_seecolor.commands.warm_up import compile_for, load_in_background
+from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.process import peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import PairSource
@@ -23,8 +24,9 @@ from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.matching.pair_check import NO_OVERLAP, ROWS_OFF
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.cache import Compared, Cost, KeptPlan, used_bytes
 from stereo_seecolor.run_folder.current_frames import CurrentFrames
-from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
+from stereo_seecolor.run_folder.disk_space import check_disk, need_bytes
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
@@ -57,19 +59,19 @@ def stereo_run(
     Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which
     of their frames are pairs.
     """
-    shard = options.shard
     before = inputs.open_first(config)
     # not before: imports and opening would wait for each other, for Python's global lock
     load_in_background(config, options)
+    shard = options.shard
     owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
     ranges = before.pipeline.settings if before and not config.input.refine else ""
-    with RunFolder(out, folder_request(owner, config, options, inputs.paths, ranges)) as folder:
+    request = folder_request(owner, config, options, inputs.paths, ranges)
+    with RunFolder(out, request) as folder:
         opened = before or inputs.open_in(folder, config)
         options = options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
         with options.compute.sharing(state(folder.root), inputs.paths):
-            opened = _with_disk_space(
-                opened.for_dive(folder, options).part(shard), folder, options, last
-            )
+            opened = opened.for_dive(folder, options).part(shard)
+            opened = _with_disk_space(opened, folder, options, last)
             compile_for(config, options)
             with run_session(
                 opened.pipeline, opened.pairing, inputs.names, folder, options, last, passes
@@ -84,15 +86,12 @@ def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, las
     """
     known = set(folder.manifest.names())
     new = sum(name not in known for name in opened.pairing.names)
-    output = opened.pipeline.config.output
-    room = DiskSpace.checked(
-        folder.root, new, need_bytes(output, opened.pipeline.pixels, last == "corrected")
-    )
+    pipeline = opened.pipeline
+    each = need_bytes(pipeline.config.output, pipeline.pixels, last == "corrected")
+    line, is_low = check_disk(folder.root, new, each)
     if new:
-        options.notice(room.line)
-    return (
-        replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_low else opened
-    )
+        options.notice(line)
+    return replace(opened, pairing=opened.pairing.with_notes((line,))) if is_low else opened
 
 
 @contextmanager
@@ -108,9 +107,12 @@ def run_session(
     """A run over the pairs: Ctrl-C ends it early. run.json, frames.csv and the page are written at
     its end, the first two also after an error. inputs: by name, for run.json.
     """
-    description = _description(source, pairing, inputs, options, last)
-    page, meter = RunPage(options, folder, description), Meter(options.compute)
-    run = DiveRun(source, folder, page.listening(), pairing, passes, page.early_frames())
+    names, rectification = Names(pairing.names), source.rectification
+    description = RunDescription(
+        inputs, source.config, names, last, rectification, options.command_line
+    )
+    page, meter = RunPage(options, folder, description), _Meter(options.compute)
+    run = DiveRun(source, folder, page.listening(), pairing, passes, page.early_files())
     start, complete = time.perf_counter(), False
     earlier = _earlier_config(folder)
     folder.dive.update(replace(folder.dive.record, state="running"))
@@ -138,22 +140,36 @@ def run_session(
         )
         write_reports(folder, description, run.summary)
     page.end(stopped=not complete)
-    summary = meter.compared(run.summary, folder.root, len(pairing.pairs), description.config)
+    summary = meter.compared(run.summary, folder.root, run.plan)
     run.summary = replace(summary, products=products(folder, current))
 
 
-def _description(
-    source: PairSource, pairing: Pairing, inputs: dict[str, str], options: RunOptions, last: Stage
-) -> RunDescription:
-    """What run.json says of the run."""
-    return RunDescription(
-        inputs,
-        source.config,
-        Names(pairing.names),
-        last,
-        source.rectification,
-        options.command_line,
-    )
+class _Meter:
+    """Measures a run from its beginning: processor time of this process and of its workers, elapsed
+    time, memory, disk.
+    """
+
+    def __init__(self, compute: Compute) -> None:
+        self._compute = compute
+        self._began_s, self._core_s = time.perf_counter(), self._used_s()
+
+    def _used_s(self) -> float:
+        return time.process_time() + self._compute.usage.core_seconds
+
+    def compared(self, summary: RunSummary, root: Path, plan: KeptPlan | None) -> RunSummary:
+        """The summary with the planned and the measured cost.
+
+        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
+        done a part.
+        """
+        if plan is None or summary.kept or summary.stopped:
+            return summary
+        usage, wall_s = self._compute.usage, time.perf_counter() - self._began_s
+        memory = usage.memory_bytes or peak_bytes()
+        measured = Cost(
+            (self._used_s() - self._core_s) / 3600, wall_s / 3600, used_bytes(root), memory
+        )
+        return replace(summary, plan=Compared(usage.cores, plan.cost(usage.cores), measured))
 
 
 def _summary(

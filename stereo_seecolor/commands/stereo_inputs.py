@@ -1,6 +1,6 @@
 """The stereo pairs and the calibration that a command is given, and the pipeline for them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -13,7 +13,7 @@ from stereo_seecolor.checks.rig import check_rig
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, verdict_of
 from stereo_seecolor.commands.rig_loading import load_rig_for
-from stereo_seecolor.commands.rig_refinement import DiveRefinement
+from stereo_seecolor.commands.rig_refinement import refined_for_dive
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
@@ -91,11 +91,6 @@ class StereoInputs:
         """Every file and folder that is read."""
         return (*folders_of(self.left), *folders_of(self.right), *calibration_files(self.calib))
 
-    @property
-    def is_video(self) -> bool:
-        """True for two videos, or one that shows both sides."""
-        return is_video(self.left) and is_video(self.right)
-
     def owner(self, kind: str, opened: "Opened | None") -> Owner:
         """The owner of an output folder with results of these inputs: recognized by their paths, or
         by the first file's content.
@@ -110,7 +105,7 @@ class StereoInputs:
         """``open`` for images, before the output folder is touched; None for videos, which
         ``open_in`` opens.
         """
-        return None if self.is_video else self.open(config)
+        return None if is_video(self.left) and is_video(self.right) else self.open(config)
 
     def open(self, config: RunConfig) -> "Opened":
         """The pairs of two folders of images, and the pipeline for their rig. Raises InputError,
@@ -142,16 +137,6 @@ class StereoInputs:
         return Opened(pairing.with_notes(notes + response_notes), Pipeline(rig, config))
 
 
-def named_inputs(names: Mapping[str, str]) -> DiveInputs:
-    """The inputs that the "inputs" of a run.json name."""
-    if "bag" in names:
-        inputs: DiveInputs = load("inputs", "bag").BagInputs(
-            Path(names["bag"]), names["calib"], names["topics"]
-        )
-        return inputs
-    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])
-
-
 def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
     """Settle ``input.bayer`` and ``input.significant_bits`` where they are auto, from images spread
     over the dive.
@@ -175,32 +160,23 @@ class Opened:
 
         Returns the inputs with notes on both, and with the pipeline of the refined rig.
         """
-        pairing, pipeline = self.pairing, self.pipeline
-        of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairing.pairs, pipeline.config))
-        pairing = pairing.with_notes(of_images.notes, of_images.wrong)
+        pairs, pipeline = self.pairing.pairs, self.pipeline
+        of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairs, pipeline.config))
+        pairing = self.pairing.with_notes(of_images.notes, of_images.wrong)
         images = pipeline.config.input
-        key = content_key(
-            __version__,
-            pipeline.settings,
-            images.refine,
-            len(pairing.pairs),
-            pairing.pairs[-1].name,
-        )
-        known = KeptRigCheck.load(folder.root, key)
-        change = (
-            DiveChange()
-            if known
-            else find_change(pipeline.rectification, pairing.pairs, pipeline.config.input)
-        )
+        key = content_key(__version__, pipeline.settings, images.refine, len(pairs), pairs[-1].name)
+        known, change = KeptRigCheck.load(folder.root, key), DiveChange()
+        if known is None:
+            change = find_change(pipeline.rectification, pairs, images)
         if change.out_of_step:
             raise InputError(change.line)
         if images.refine:
-            shared = replace(pairing, pairs=change.shared(pairing.pairs))
-            rig, note = DiveRefinement(folder, shared, images, options).of(pipeline.rig)
+            shared = change.shared(pairs)
+            rig, note = refined_for_dive(pipeline.rig, shared, images, folder, options)
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if known is None:
-            found = check_rig(pipeline, pairing.pairs, change)
+            found = check_rig(pipeline, pairs, change)
             left_out = dict.fromkeys(change.odd, LEFT_OUT)
             known = KeptRigCheck(found.notes, bool(found.wrong), found.measured, left_out)
             known.save(folder.root, key)

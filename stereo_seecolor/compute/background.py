@@ -33,6 +33,19 @@ def running(work: Callable[[], None], stop: Callable[[], None]) -> Iterator[None
         thread.join(timeout=5)
 
 
+@contextmanager
+def heartbeat(beat: Callable[[], bool], every_s: float) -> Iterator[None]:
+    """Call ``beat`` every ``every_s`` seconds while the block runs, until it returns False."""
+    ended = threading.Event()
+
+    def beats() -> None:
+        while not ended.wait(every_s) and beat():
+            pass
+
+    with running(beats, ended.set):
+        yield
+
+
 class WorkBehind:
     """Does work in order, in one thread of low priority, while the caller goes on.
 

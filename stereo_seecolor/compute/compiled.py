@@ -27,8 +27,8 @@ class Compiled(Generic[P, R]):
     The GIL is released while it runs. Division by zero gives infinity or NaN, as in numpy.
     """
 
-    def __init__(self, function: Callable[P, R], options: dict[str, Any], shared: bool) -> None:
-        self._options, self._shared = options, shared
+    def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
+        self._options = options
         self._dispatcher: Any = None
         self._callee: Any = None
         self.py_func = function
@@ -63,8 +63,6 @@ class Compiled(Generic[P, R]):
         """How numba sees this object where another compiled function names it."""
         from numba import types
 
-        if self._shared:
-            return types.Dispatcher(self.dispatcher)
         with _building:
             if self._callee is None:
                 from stereo_seecolor.compute.kernel_cache import callee
@@ -76,24 +74,11 @@ class Compiled(Generic[P, R]):
 @overload
 def compiled(function: Callable[P, R], /) -> Compiled[P, R]: ...
 @overload
-def compiled(
-    *, fastmath: bool = False, inline: bool = False, shared: bool = False
-) -> Callable[[Callable[P, R]], Compiled[P, R]]: ...
-def compiled(
-    function: Callable[..., Any] | None = None,
-    /,
-    *,
-    fastmath: bool = False,
-    inline: bool = False,
-    shared: bool = False,
-) -> Any:
-    """Compile a function with numba: ``@compiled``, or ``@compiled(fastmath=True)`` and so on.
+def compiled(*, inline: bool = False) -> Callable[[Callable[P, R]], Compiled[P, R]]: ...
+def compiled(function: Callable[..., Any] | None = None, /, *, inline: bool = False) -> Any:
+    """Compile a function with numba: ``@compiled``, or ``@compiled(inline=True)``.
 
-    fastmath: floating-point sums may be reordered. inline: put the code into the callers, even
-    where LLVM finds it too long.
-    shared: called from Python and from other compiled functions: it is compiled once for both.
+    inline: put the code into the callers, even where LLVM finds it too long.
     """
-    options = {"fastmath": fastmath, "forceinline": inline}
-    if function is None:
-        return lambda decorated: Compiled(decorated, options, shared)
-    return Compiled(function, options, shared)
+    options = {"forceinline": inline}
+    return Compiled(function, options) if function else lambda one: Compiled(one, options)

@@ -7,7 +7,7 @@ import tempfile
 import weakref
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import IO, Generic, TypeVar
@@ -41,15 +41,13 @@ class Packed(Lazy[Item]):
     accessed in order.
     """
 
-    def __init__(self, items: Iterable[Item] = ()) -> None:
+    def __init__(self) -> None:
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115  # the next line closes it
         weakref.finalize(self, self._file.close)
         self._starts, self._sizes = array("q"), array("q")
         self._open: _Open[Item] = _Open()
         self._length = 0
         self._lock = Lock()
-        for item in items:
-            self.append(item)
 
     def __len__(self) -> int:
         return self._length

@@ -1,12 +1,9 @@
-"""How this process allocates memory and collects garbage, and what it has used: processor time and
-memory.
-"""
+"""How this process allocates memory and collects garbage, and the most memory that it has had."""
 
 import atexit
 import ctypes
 import gc
 import sys
-import time
 
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX, MMAP_MAX = -1, -3, -8, -4
 """Parameters of mallopt(3)."""
@@ -77,11 +74,6 @@ def tune_lock() -> None:
 def _end() -> None:
     if "open3d" not in sys.modules:  # it prints warnings on its own remaining objects
         gc.freeze()
-
-
-def core_seconds() -> float:
-    """Processor time of this process so far."""
-    return time.process_time()
 
 
 def peak_bytes() -> int:

@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 from calibration import CalibrationError
 from stereo_seecolor.checks.repeated_images import RepeatedImages
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.dive.frames import Frames, PageFrames, PairSource
+from stereo_seecolor.dive.frames import Frames, PageFiles, PairSource
 from stereo_seecolor.dive.pair_sequences import chosen
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
@@ -62,10 +62,8 @@ def attempt(work: Work[Result], folder: RunFolder, keep: bool, pair: Pair) -> Ou
             if folder.frames.remove_stale(pair.name)
             else ""
         )
-        row, failure = (
-            FrameRow(pair.name, status="failed", error=f"{error}{kept}"),
-            error.with_traceback(None),
-        )
+        row = FrameRow(pair.name, status="failed", error=f"{error}{kept}")
+        failure = error.with_traceback(None)
     named = replace(
         row,
         left=str(pair.left),
@@ -85,8 +83,8 @@ def attempt(work: Work[Result], folder: RunFolder, keep: bool, pair: Pair) -> Ou
 class DiveRun:
     """A command at work on the pairs of a dive.
 
-    pairs: of the dive. frames: what work on a pair needs. page: makes the page's files
-    of frames with their colors.
+    pairs: of the dive. plan: of their cost, None where OUT holds none. frames: what work on a pair
+    needs. page: makes the page's files of frames with their colors.
     table: the outcome of each pair so far. notes: remarks on the dive as a whole. summary: of the
     run, once it has ended.
     """
@@ -98,12 +96,13 @@ class DiveRun:
         options: RunOptions,
         pairing: Pairing,
         passes: Sequence[str],
-        page: PageFrames | None = None,
+        page: PageFiles | None = None,
     ) -> None:
         """passes: that the command will make over the pairs. Pixels are kept from one to the
         next.
         """
         self.pairs: Sequence[Pair] = pairing.pairs
+        self.plan = KeptPlan.load(folder.root, len(self.pairs), source.config)
         self.folder, self.options, self.page = folder, options, page
         self.frames = Frames(
             source,
@@ -114,11 +113,9 @@ class DiveRun:
         )
         self.table, self.summary = FrameTable(), RunSummary(())
         self.notes: tuple[str, ...] = ()
-        self._progress, self._repeated = ProgressFile(folder.root), RepeatedImages()
-        plan = KeptPlan.load(folder.root, len(self.pairs), source.config)
-        self._progress.expect(
-            (ExpectedPasses(plan.pass_seconds, planned=True) if plan else USUAL).of(*passes)
-        )
+        self._repeated = RepeatedImages()
+        expected = ExpectedPasses(self.plan.pass_seconds, planned=True) if self.plan else USUAL
+        self._progress = ProgressFile(folder.root, expected.of(*passes))
 
     @property
     def good_pairs(self) -> Sequence[Pair]:

@@ -3,18 +3,15 @@
 Each is done once: an earlier run's result is found in OUT, or it is made now and written.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import Rectification, RectifiedPair
 from calibration.original_view import OriginalView
 from stereo_seecolor.checks.exposure import exposure_warnings
-from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.response.response import Response
@@ -24,9 +21,8 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.frame_facts import capture_facts, color_facts, range_facts
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.pipeline import correct, ranges_for_color
+from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder import cache
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -41,59 +37,17 @@ from stereo_seecolor.run_folder.pair_files import (
     range_files,
 )
 
+if TYPE_CHECKING:
+    from stereo_seecolor.dive.ranged_images import RangedImages
 
-class PairSource(Protocol):
-    """Reads and measures a pair: a Pipeline, or RangedImages.
+PairSource: TypeAlias = "Pipeline | RangedImages"
+"""Reads and measures a pair."""
 
-    geometry: of the rectified images, None without calibration. matched_by: of the images that its
-    ranges were matched in, None where that is unknown. makes_ranges: whether its range maps are
-    written to OUT.
-    seen: where rectified images show something, None = everywhere. original: the view of the
-    unrectified left camera, None where nothing is written in it. settings: hash of all that a range
-    map depends on besides its files.
-    """
-
-    config: RunConfig
-    corrector: Corrector
-    reader: FrameReader
-    geometry: RectifiedPair | None
-    matched_by: RectifiedPair | None
-    makes_ranges: bool
-    seen: Mask | None
-    original: OriginalView | None
-    settings: str
-
-    @property
-    def rectification(self) -> Rectification | None:
-        """Of the images, None without calibration."""
-
-    def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The pair's files, by side."""
-
-    def raw(self, pair: Pair, clock: Clock) -> Image:
-        """The left image as the camera gave it."""
-
-    def image(self, pair: Pair, clock: Clock) -> Image:
-        """The (rectified) left image."""
-
-    def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """The (rectified) left image and its range map."""
-
-
-class PageFrames(Protocol):
-    """Makes the page's files of frames while they are corrected, so that their images need not be
-    decoded again.
-    """
-
-    def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's files on the page. corrected_key: key of the corrected frame that
-        they are made from.
-        """
-
-    def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame. before: its rectified image, uncorrected. products: product
-        -> array, as it is stored.
-        """
+PageFiles = Callable[[str, str, Image, Mapping[str, NDArray[Any]]], tuple[StageRecord, Files]]
+"""Makes the page's files of a frame while it is corrected, so that its images need not be decoded
+again, and their record: of the key of the corrected frame, its name, its rectified image,
+uncorrected, and product -> array, as it is stored.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,10 +189,8 @@ def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeM
     if ranged.measured:
         return ranged.measured
     source, pair = frames.source, ranged.pair
-    kept, warnings = (
-        frames.pixels.find(pair.name, ranged.key),
-        ranged.record.stages["range"].warnings,
-    )
+    kept = frames.pixels.find(pair.name, ranged.key)
+    warnings = ranged.record.stages["range"].warnings
     if kept and kept.range_m is not None and kept.measured is not None:
         return kept.image, RangeMap.of_ranges(kept.range_m, kept.measured, warnings)
     if not source.makes_ranges:
@@ -287,7 +239,7 @@ def correct_frame(
     light: Light | None,
     usual: Water,
     others: Mapping[str, Water],
-    page: PageFrames | None,
+    page: PageFiles | None,
     pair: Pair,
     clock: Clock,
 ) -> tuple[FrameRow, None]:
@@ -404,19 +356,16 @@ def _original_files(
     )
 
 
-def _save_for_page(
-    frames: Frames, page: PageFrames, record: FrameRecord, frame: _Corrected
-) -> None:
+def _save_for_page(frames: Frames, page: PageFiles, record: FrameRecord, frame: _Corrected) -> None:
     """Write the page's files of a frame that was just corrected."""
     correction, folder = frame.correction, frames.folder
     written = record.stages["range"].outputs.keys() & {"confidence", "range_std"}
     products = {product: folder.frames.read(record, product) for product in written}
     products |= {"range": frame.ranges.measured_m, "mask": mask_codes(correction, frame.ranges)}
     products["corrected"] = correction.image if correction.linear is None else correction.linear
-    stage = page.stage(record.stages["corrected"].key)
-    folder.frames.save(
-        record.with_stage("page", stage), "page", page.files(record.name, frame.before, products)
-    )
+    key = record.stages["corrected"].key
+    stage, files = page(key, record.name, frame.before, products)
+    folder.frames.save(record.with_stage("page", stage), "page", files)
 
 
 def water_key(water: Water) -> str:

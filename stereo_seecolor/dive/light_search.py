@@ -4,6 +4,7 @@ maps find the same spots.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,11 +13,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.light_model import ByFrame
-from stereo_seecolor.color.photometry.light_of_frames import (
-    Differences,
-    differences,
-    solve_frames,
-)
+from stereo_seecolor.color.photometry.light_of_frames import Differences, differences, solve_frames
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.recorded_exposure import (
@@ -127,17 +124,14 @@ class LightSearch:
         is_sampled = len(sample) < len(names)
         # cutting a short dive would break its loops
         parts = self.compute.parts if is_sampled else 1
-        windows = list(self._examined(sample, _WindowMatcher(self._frame_matcher), parts))
+        windows = list(self._examined(sample, partial(windows_of, self._frame_matcher), parts))
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames)
         light, recorded = self._pattern(windows, names, allowed, is_sampled)
         if light and allowed.gains and (is_sampled or not light.luminance.judged):
-            every = self._examined(
-                range(len(names)),
-                _DifferenceMatcher(self._frame_matcher, light),
-                self.compute.parts,
-            )
+            look = partial(_differences_of, self._frame_matcher, light)
+            every = self._examined(range(len(names)), look, self.compute.parts)
             few = ((seen.frames, differences(seen, light, self._size)) for seen in windows)
             light = self._of_frames(light, names, every if is_sampled else few, links, recorded)
         elif light and light.recorded:
@@ -205,11 +199,9 @@ class LightSearch:
         measured = solved.measured & solved.gains.any()
         gains = ByFrame(names, np.where(measured[:, None], solved.gains, np.nan))
         flat = solved.shading.reshape(len(names), -1)
-        own = (
-            ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan))
-            if flat.any()
-            else ByFrame()
-        )
+        own = ByFrame()
+        if flat.any():
+            own = ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan))
         return light.of_frames(gains, own, solved.slopes, solved.offsets)
 
     def _examined(
@@ -256,32 +248,22 @@ class _Segments(Lazy[Segment]):
         return Segment(len(before), tuple((number, self.frames[number][1]) for number in several))
 
 
-@dataclass(frozen=True, eq=False)
-class _WindowMatcher:
-    """Makes windows with all their observations (200 kB each) and with loops, for the pattern,
-    which is solved from few frames.
+def windows_of(matcher: FrameMatcher, segment: Segment) -> list[SeenWindow]:
+    """Windows with all their observations (200 kB each) and with loops, for the pattern, which is
+    solved from few frames.
+    """
+    return list(matcher.of_windows(segment, LOOK.loops, lambda window: window))
+
+
+def _differences_of(matcher: FrameMatcher, light: SurveyLight, segment: Segment) -> list[Differing]:
+    """The differences of windows' frames with the pattern removed: small, for every frame of a long
+    dive. Without loops, which are broken where a dive is cut.
     """
 
-    frames: FrameMatcher
+    def differing(seen: SeenWindow) -> Differing:
+        return seen.frames, differences(seen, light, matcher.geometry.image_size)
 
-    def __call__(self, segment: Segment) -> list[SeenWindow]:
-        return list(self.frames.windows(segment, LOOK.loops))
-
-
-@dataclass(frozen=True, eq=False)
-class _DifferenceMatcher:
-    """Makes the differences of a window's frames with the pattern removed: small, for every frame
-    of a long dive. Without loops, which are broken where a dive is cut.
-    """
-
-    frames: FrameMatcher
-    light: SurveyLight
-
-    def __call__(self, segment: Segment) -> list[Differing]:
-        return list(self.frames.of_windows(segment, 0, self._differing))
-
-    def _differing(self, seen: SeenWindow) -> Differing:
-        return seen.frames, differences(seen, self.light, self.frames.geometry.image_size)
+    return list(matcher.of_windows(segment, 0, differing))
 
 
 class _Links:

@@ -130,17 +130,11 @@ class FrameMatcher:
     every: int
     encoding: InputEncoding
 
-    def windows(self, segment: Segment, loops: int) -> Iterator[SeenWindow]:
-        """The windows of a segment's own frames, each with at most ``loops`` frames of other survey
-        lines.
-        """
-        return self.of_windows(segment, loops, lambda window: window)
-
     def of_windows(
         self, segment: Segment, loops: int, work: Callable[[SeenWindow], Shown]
     ) -> Iterator[Shown]:
-        """``work`` on each window of ``windows``. All but the chain of poses is done on all
-        cores.
+        """``work`` on each window of a segment's own frames, with at most ``loops`` frames of other
+        survey lines. All but the chain of poses is done on all cores.
         """
         on_cores = Threads(cores())
         seen = on_cores.each(self._seen, segment.frames)

@@ -130,8 +130,7 @@ def _leave_out_odd(run: DiveRun) -> None:
             run.frames, left_out={**run.frames.left_out, **dict.fromkeys(odd.odd, LEFT_OUT)}
         )
         again = chosen(pairs, lambda pair: pair.name in odd.odd)
-        for _ in run.map("ranges", partial(measure_range, run.frames), again):
-            pass
+        make_pass(run, "ranges", partial(measure_range, run.frames), again)
 
 
 def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
@@ -278,8 +277,8 @@ def correct_frames(run: DiveRun, light: DiveLight, waters: Mapping[str, Water]) 
         make_pass(run, "colors", work, chosen(run.pairs, lambda pair: pair.name in waters))
 
 
-def make_pass(run: DiveRun, stage: str, work: Work[None], pairs: Sequence[Pair]) -> None:
-    """Make a pass whose work on a pair leaves nothing but files."""
+def make_pass(run: DiveRun, stage: str, work: Work[Any], pairs: Sequence[Pair]) -> None:
+    """Make a pass of which nothing but files and rows is kept."""
     for _ in run.map(stage, work, pairs):
         pass
 

@@ -37,11 +37,8 @@ def write_atomic(path: Path, content: Content) -> None:
     Raises OutputError if the disk is full or the folder cannot be written; what was at ``path`` is
     then still there.
     """
-    with output_errors(path):
-        temporary = write_temporary(path, content)
-        flush_file(temporary)
-        move_into_place(temporary, path)
-        flush_folder(path.parent)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.writelines(_pieces(content))
 
 
 def write_replaceable(path: Path, content: Content) -> None:
@@ -66,7 +63,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
             flush_file(temporary)
-            temporary.replace(path)
+            move_into_place(temporary, path)
             flush_folder(path.parent)
         except BaseException:
             remove(temporary)
@@ -89,9 +86,12 @@ def holds(path: Path, content: Content) -> bool:
     """Tell whether the file at ``path`` has this content. Raises OSError where it cannot be
     read.
     """
-    pieces = [content] if isinstance(content, bytes | memoryview) else content
     with path.open("rb") as file:
-        return all(file.read(len(piece)) == piece for piece in pieces) and not file.read(1)
+        return all(file.read(len(one)) == one for one in _pieces(content)) and not file.read(1)
+
+
+def _pieces(content: Content) -> Iterable[bytes | memoryview]:
+    return [content] if isinstance(content, bytes | memoryview) else content
 
 
 def write_temporary(path: Path, content: Content) -> Path:
@@ -102,24 +102,10 @@ def write_temporary(path: Path, content: Content) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with temporary.open("wb") as file:
-            file.writelines([content] if isinstance(content, bytes | memoryview) else content)
+            file.writelines(_pieces(content))
     except BaseException:
         remove(temporary)
         raise
-    return temporary
-
-
-def link_temporary(source: Path, path: Path) -> Path:
-    """A second name for a file, or a copy of it where the file system has none, beside ``path``.
-    Raises OSError.
-    """
-    temporary = temporary_path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        temporary.hardlink_to(source)
-    except OSError:
-        shutil.copy2(source, temporary)
-        flush_file(temporary)
     return temporary
 
 
@@ -157,11 +143,7 @@ def temporaries_of(path: Path) -> list[Path]:
 def flush_file(temporary: Path) -> None:
     """Flush a written file to disk; it is removed where that fails. Raises OSError."""
     try:
-        descriptor = os.open(temporary, os.O_RDWR)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        _flush(temporary, os.O_RDWR)
     except OSError:
         remove(temporary)
         raise
@@ -172,11 +154,15 @@ def flush_folder(folder: Path) -> None:
     if os.name == "nt":  # Windows cannot open folders, and flushes renames itself
         return
     with contextlib.suppress(OSError):  # some network file systems refuse
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        _flush(folder, os.O_RDONLY)
+
+
+def _flush(path: Path, flags: int) -> None:
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -40,12 +40,10 @@ def find_contained(path: Path) -> ContainedFile | None:
     """Find the contained file that ``path`` names; None for a path of the disk."""
     if not _containers:
         return None
-    outer = next((parent for parent in path.parents if parent in _containers), None)
-    return (
-        ContainedFile(outer, path.relative_to(outer).as_posix(), _containers[outer])
-        if outer
-        else None
-    )
+    for outer in path.parents:
+        if outer in _containers:
+            return ContainedFile(outer, path.relative_to(outer).as_posix(), _containers[outer])
+    return None
 
 
 def is_there(path: Path) -> bool:

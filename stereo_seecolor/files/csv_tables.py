@@ -69,17 +69,15 @@ def table_rows(content: bytes) -> Iterator[dict[str, str]]:
 
 def header(path: Path) -> Sequence[str]:
     """The columns of a table, in lower case. Raises InputError if it cannot be read."""
-    try:
-        return _reader(path).fieldnames or ()
-    except csv.Error as error:
-        raise InputError(f"{path}: line 1: {error}") from error
+    return _reader(path).fieldnames or ()
 
 
 def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
     """Place (path and line) and cells of each row, by the names of its columns in lower case.
     Raises InputError, also where one of ``columns`` is missing, or is there twice.
     """
-    names = header(path)
+    reader = _reader(path)
+    names = list(reader.fieldnames or ())
     if missing := [name for name in columns if name not in names]:
         raise InputError(
             f"{path}: has no column {missing[0]!r} in its first line: give the columns "
@@ -87,7 +85,6 @@ def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, st
         )
     if twice := [name for name in columns if names.count(name) > 1]:
         raise InputError(f"{path}: has {names.count(twice[0])} columns {twice[0]!r}: leave one")
-    reader = _reader(path)
     try:
         yield from ((f"{path}: line {reader.line_num}", row) for row in reader)
     except csv.Error as error:
@@ -163,5 +160,8 @@ class _Cells:
 
 def _reader(path: Path) -> "csv.DictReader[str]":
     reader = dict_reader(read_text(path))
-    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+    try:
+        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+    except csv.Error as error:
+        raise InputError(f"{path}: line 1: {error}") from error
     return reader

@@ -59,24 +59,11 @@ def rounded(values: Map) -> Map:
     return np.where(np.isfinite(values), nearest, values).astype(np.float32)
 
 
-def encode_depth_mm(depth_m: Map) -> bytes:
-    """Encode depths (H, W), meters, NaN unknown, as a 16-bit PNG in millimeters, 0 where unknown or
-    beyond 65.535 m.
-    """
-    depth_mm = np.round(1000 * np.nan_to_num(depth_m))
-    return encode_png(np.where(depth_mm <= np.iinfo(np.uint16).max, depth_mm, 0).astype(np.uint16))
-
-
 def encode_confidence(confidence: Map) -> bytes:
     """Encode a confidence (H, W) in [0, 1] as an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept
     for what was not measured.
     """
     return encode_codes(np.ceil(confidence * 255).astype(np.uint8))
-
-
-def encode_mask(mask: NDArray[np.uint8]) -> bytes:
-    """Encode a mask (H, W) of uint8 codes as a PNG."""
-    return encode_codes(mask)
 
 
 def _srgb_profile() -> bytes:

@@ -1,7 +1,6 @@
 """Replacement of the EXIF block of an image file, with the pixels unchanged."""
 
 import struct
-import zlib
 
 import cv2
 import numpy as np
@@ -14,10 +13,11 @@ from stereo_seecolor.files.image_marks import (
     JPEG_SIGNATURE,
     PNG_SIGNATURE,
 )
+from stereo_seecolor.files.png import png_chunk
+from stereo_seecolor.files.png_decoding import png_chunks
 from stereo_seecolor.files.tiff import encode_tiff
 
 PNG_EXIF = b"eXIf"
-PNG_FRAME = 12  # bytes of a chunk beside its data: length, kind, checksum
 
 
 def with_exif(content: bytes, block: bytes) -> bytes:
@@ -35,17 +35,10 @@ def with_exif(content: bytes, block: bytes) -> bytes:
 
 
 def _png(content: bytes, block: bytes) -> bytes:
-    chunk = PNG_EXIF + block
-    pieces, position = [PNG_SIGNATURE], len(PNG_SIGNATURE)
-    while position < len(content):
-        length, kind = struct.unpack_from(">I4s", content, position)
-        if kind != PNG_EXIF:
-            pieces.append(content[position : position + PNG_FRAME + length])
-        if kind == b"IHDR":
-            pieces.append(
-                struct.pack(">I", len(block)) + chunk + struct.pack(">I", zlib.crc32(chunk))
-            )
-        position += PNG_FRAME + length
+    pieces = [PNG_SIGNATURE]
+    for kind, start, end in png_chunks(content):
+        pieces += [content[start - 8 : end + 4]] if kind != PNG_EXIF else []
+        pieces += [png_chunk(PNG_EXIF, block)] if kind == b"IHDR" else []
     return b"".join(pieces)
 
 

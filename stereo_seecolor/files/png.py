@@ -61,10 +61,11 @@ def _file(pixels: NDArray[np.generic], data: bytes, chunks: Chunks) -> bytes:
         ">2I5B", pixels.shape[1], pixels.shape[0], 8 * pixels.dtype.itemsize, kind, 0, 0, 0
     )
     parts = {b"IHDR": header, **chunks, b"IDAT": data, b"IEND": b""}
-    return b"".join([PNG_SIGNATURE, *(_chunk(kind, content) for kind, content in parts.items())])
+    return b"".join([PNG_SIGNATURE, *(png_chunk(kind, content) for kind, content in parts.items())])
 
 
-def _chunk(kind: bytes, content: bytes) -> bytes:
+def png_chunk(kind: bytes, content: bytes) -> bytes:
+    """A chunk of a PNG, with its length and its checksum."""
     return b"".join(
         [
             struct.pack(">I", len(content)),

@@ -104,11 +104,8 @@ def _unfilter(rows, step, pixels):  # type: ignore[no-untyped-def]
                 corner = (
                     np.int32(pixels[row - 1, i - step]) if row > 0 and i >= step else np.int32(0)
                 )
-                by_left, by_upper, by_corner = (
-                    abs(upper - corner),
-                    abs(left - corner),
-                    abs(left + upper - 2 * corner),
-                )
+                by_left, by_upper = abs(upper - corner), abs(left - corner)
+                by_corner = abs(left + upper - 2 * corner)
                 if by_left <= by_upper and by_left <= by_corner:
                     value += left
                 else:

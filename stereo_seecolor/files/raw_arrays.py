@@ -1,4 +1,9 @@
-"""Arrays in files: as they are in memory, and numpy's own."""
+"""Arrays in files: as they are in memory, and numpy's own.
+
+Headers of numpy are parsed by one thread at a time. Python 3.11 counts the depth of its parser for
+all threads together: where the collector of garbage lets another thread go on in the middle of a
+header, both end with "SystemError: AST constructor recursion depth mismatch".
+"""
 
 import contextlib
 import mmap
@@ -11,11 +16,13 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.files.atomic import temporary_path
-from stereo_seecolor.files.numpy_files import PARSING
 
 ALIGNMENT = 64
 """Of each array in its file, bytes: a line of the processor's cache."""
+PARSING = Lock()
+"""Held while a header is parsed."""
 
 
 def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
@@ -63,3 +70,18 @@ def _next(content: mmap.mmap) -> NDArray[Any]:
     )
     content.seek(array.nbytes, os.SEEK_CUR)
     return array
+
+
+def load_array(path: Path) -> NDArray[Any]:
+    """The array of a ``.npy`` file. Raises OSError, and ValueError where it is cut."""
+    with PARSING:
+        array: NDArray[Any] = np.load(path)
+    return array
+
+
+def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an ``.npz`` file by name. Raises OSError, and ValueError or zipfile.BadZipFile
+    where it is cut.
+    """
+    with PARSING, path.open("rb") as file, np.load(file) as content:
+        return dict(content)

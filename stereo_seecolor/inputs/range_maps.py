@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.numpy_files import PARSING
+from stereo_seecolor.files.raw_arrays import PARSING
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.inputs.decoding import MAX_PIXELS, decode_raw
 from stereo_seecolor.inputs.headers import (

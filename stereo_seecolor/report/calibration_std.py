@@ -10,9 +10,11 @@ from typing import Literal
 from calibration import CalibrationError, StereoRig
 from calibration.rig_errors import RangeError
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.report.measure_limits import LIMITS
 from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_run import FinishedRun
+
+ASSUMED_STD = 0.005
+"""Of a length, relative, where nothing else is known: what docs/calibration.md calls good."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +47,14 @@ def calibration_std(run: FinishedRun) -> CalibrationStd:
     try:
         rig = run.rig
     except (InputError, CalibrationError, OSError):
-        return CalibrationStd("assumed", LIMITS.calibration_std, None, None)
+        return CalibrationStd("assumed", ASSUMED_STD, None, None)
     ranges = [
         frame.facts["median_range_m"] for frame in run.frames if "median_range_m" in frame.facts
     ]
     range_m = median(ranges) if ranges else None
     yaw, checked = _yaw(rig, range_m), run.range_error
     if rig.errors is None:
-        return CalibrationStd("assumed", LIMITS.calibration_std, yaw, range_m, checked=checked)
+        return CalibrationStd("assumed", ASSUMED_STD, yaw, range_m, checked=checked)
     errors = rig.errors
     sure = checked if checked and checked.is_sure else None
     return CalibrationStd("file", errors.length, yaw, range_m, errors.stated_by, sure)

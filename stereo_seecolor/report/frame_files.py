@@ -1,5 +1,5 @@
 """The page's files of one frame: thumbnail, image before and after correction, and ranges to
-measure in.
+measure in; made of a finished run's files, or while the run has its pixels in memory.
 """
 
 import contextlib
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from calibration import CalibrationError, Rectification, RectifiedPair
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.files.contained import is_there
+from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.geometry import estimated_range_std_m
@@ -27,10 +27,13 @@ from stereo_seecolor.report.range_code import range_codes, std_codes
 from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.layout import RIG, page_path
+from stereo_seecolor.run_folder.manifest import StageRecord
+from stereo_seecolor.run_folder.pair_files import Files
 
-Files = dict[str, tuple[str, Content]]
-"""Product -> path relative to OUT, content."""
-
+FORMAT = "6"
+"""Version of the files of a frame; increased when their content changes, so that those of an
+earlier program are made again.
+"""
 OVERLAY_STEP_PX = 2
 """Confidence and mask are only shown, so that every second pixel of every second row suffices."""
 
@@ -59,31 +62,27 @@ class FrameFiles:
         out.
         """
         try:
-            return cls(run, Rectification.from_rig(run.rig))
+            return cls.rectifying(run)
         except (InputError, CalibrationError, OSError):
             return cls(run, None)
+
+    @classmethod
+    def rectifying(cls, run: FinishedRun) -> "FrameFiles":
+        """``of``; raises InputError or CalibrationError where the rig cannot be read."""
+        return cls(run, Rectification.from_rig(run.rig))
 
     def make(self, frame: FinishedFrame) -> Files:
         """The page's files of a frame, without ``page/before`` where the input image is missing.
 
         Raises FrameError if one of the frame's files is missing or damaged.
         """
-        try:
-            contents = self._contents(frame)
-        except InputError as error:
-            raise FrameError(frame.name, str(error)) from error
-        return {
-            product: (page_path(product, frame.name), content)
-            for product, content in contents.items()
-        }
-
-    def _contents(self, frame: FinishedFrame) -> dict[str, bytes]:
-        before = None
+        before, pixels = None, Pixels(frame.name, frame.products, frame.read)
         with contextlib.suppress(InputError, CalibrationError):  # the input is gone
             before = self.raw(frame)
-        return contents_of(
-            Pixels(frame.name, frame.products, frame.read), before, self.run.geometry
-        )
+        try:
+            return page_files(pixels, before, self.run.geometry)
+        except InputError as error:
+            raise FrameError(frame.name, str(error)) from error
 
     def raw(self, frame: FinishedFrame) -> Image:
         """(H, W, 3) the frame's left image, rectified and upright, as sRGB values.
@@ -106,11 +105,31 @@ class FrameFiles:
         return response.standard(self.rectification.upright(self.rectification.apply_left(image)))
 
 
-def contents_of(
-    frame: Pixels, before: Image | None, geometry: RectifiedPair | None
-) -> dict[str, bytes]:
-    """Product -> content of the page's files of a frame. before: its rectified image, uncorrected;
-    None where it is missing. A corrected image that browsers show at once is not written again.
+def early_files(
+    geometry: RectifiedPair | None,
+    corrected_key: str,
+    name: str,
+    before: Image,
+    products: Mapping[str, NDArray[Any]],
+) -> tuple[StageRecord, Files]:
+    """The record of a frame's files on the page, and these, made while the run has its pixels.
+    geometry: of the rectified images; the rest as in ``PageFiles``.
+    """
+    pixels = Pixels(name, products, products.__getitem__)
+    return page_stage(corrected_key, with_before=True), page_files(pixels, before, geometry)
+
+
+def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
+    """The record of a frame's files on the page, made from a corrected frame of that key.
+    with_before: with its input image.
+    """
+    settings = content_key(FORMAT)
+    return StageRecord(content_key(settings, corrected_key, with_before), settings)
+
+
+def page_files(frame: Pixels, before: Image | None, geometry: RectifiedPair | None) -> Files:
+    """The page's files of a frame. before: its rectified image, uncorrected; None where it is
+    missing. A corrected image that browsers show at once is not written again.
 
     Raises InputError if one of the frame's files is missing or damaged.
     """
@@ -122,7 +141,7 @@ def contents_of(
         files["page/before"] = preview(before, SCREEN)
     if geometry is not None:
         files["page/ranges"] = _ranges(frame, geometry)
-    return files
+    return {name: (page_path(name, frame.name), content) for name, content in files.items()}
 
 
 def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.json_records import as_record
 from stereo_seecolor.files.text_documents import read_json
 
 FILE = "measures.json"
@@ -71,9 +72,7 @@ def read_kept_measures(path: Path) -> KeptMeasures:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(f"{path}: is not a file of measures as the page saves it")
     try:
-        read = TypeAdapter(KeptMeasures).validate_python(
-            {**content, "content": content.get("measures")}
-        )
+        read = as_record(KeptMeasures, {**content, "content": content.get("measures")})
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

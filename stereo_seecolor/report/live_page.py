@@ -111,28 +111,19 @@ class LivePage:
         """
         made: list[tuple[str, str]] = []
         record = self.folder.manifest.frame(row.name)
-        current = (
-            [stage for stage in record.stages if self.folder.dive.record.is_current(record, stage)]
-            if record
-            else []
-        )
+        dive = self.folder.dive.record
+        current = [one for one in record.stages if dive.is_current(record, one)] if record else []
         try:
             made.append((phrase("live.left"), _address(read_image(Path(row.left), self.images))))
             if record and "range" in current:
                 picture, near_m, far_m = range_picture(self.folder.frames.read(record, "range"))
-                label = (
-                    phrase("live.range", low=length(near_m), high=length(far_m))
-                    if np.isfinite(near_m)
-                    else phrase("view.unknown")
-                )
+                label = phrase("view.unknown")
+                if np.isfinite(near_m):
+                    label = phrase("live.range", low=length(near_m), high=length(far_m))
                 made.append((label, _address(picture)))
             if record and "corrected" in current:
-                made.append(
-                    (
-                        phrase("live.corrected"),
-                        _address(self.folder.frames.read(record, "corrected")),
-                    )
-                )
+                corrected = self.folder.frames.read(record, "corrected")
+                made.append((phrase("live.corrected"), _address(corrected)))
         except (InputError, FrameError):
             pass
         return made

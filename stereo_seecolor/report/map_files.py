@@ -20,7 +20,7 @@ from stereo_seecolor.report.map_gaps import fits, gap_tiles, packed_reasons, rea
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, box
 from stereo_seecolor.report.map_sides import packed_sides
-from stereo_seecolor.report.mesh_levels import Level, MeshSource, Place, levels
+from stereo_seecolor.report.mesh_levels import Level, MeshSource, Place, below, levels
 from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
 from stereo_seecolor.report.squares import Squares
@@ -95,7 +95,8 @@ class _MapFiles:
 
     @classmethod
     def of(cls, facts: DiveFacts, made: FinishedMap, damaged: frozenset[str]) -> "_MapFiles":
-        there = {name: (made.folder / name).is_file() and name not in damaged for name in RASTERS}
+        readable = RASTERS.keys() - damaged if can_read_rasters() else set()
+        there = {name: name in readable and (made.folder / name).is_file() for name in RASTERS}
         terrain = TerrainImages.open(made.folder / TERRAIN) if there[TERRAIN] else None
         raw = RawMosaic.paint(facts.posed, terrain) if terrain and facts.posed else None
         std_m = height_std_m(facts.run)
@@ -125,8 +126,8 @@ class _MapFiles:
         if mesh is not None and len(mesh.triangles):
             yield from self._mesh(about, mesh)
             return_freed()
-        if self.has_mosaic and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
-            about["mosaic"], tiles = mosaic
+        if self.has_mosaic:
+            about["mosaic"], tiles = mosaic_tiles(self.made.folder / MOSAIC)
             yield from ((f"mosaic/{name}", content) for name, content in tiles)
         yield from self._terrain(about, mesh)
         yield "map.js", script("map", about)
@@ -208,8 +209,8 @@ class _MapFiles:
             "std_m": std_m,
             "correlation_m": correlation_m if np.isfinite(correlation_m) else 0.0,
         }
-        yield from ((f"terrain/{name}", content) for name, content in terrain.colored())
-        yield from ((f"hillshade/{name}", content) for name, content in terrain.hillshade())
+        for folder, colored in (("terrain", True), ("hillshade", False)):
+            yield from ((f"{folder}/{name}", content) for name, content in terrain.tiles(colored))
         if self.raw is not None:
             about["raw"] = _place_of(terrain.about)
             yield from (
@@ -227,9 +228,7 @@ def _name(level: int, place: Place) -> str:
 
 def _finer(pieces: Pieces, level: int, place: Place) -> list[str]:
     """Names of the pieces of the next finer level that cover the same area."""
-    around = [
-        _name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)
-    ]
+    around = [_name(level - 1, each) for each in below(place)]
     return [name for name in around if name in pieces]
 
 

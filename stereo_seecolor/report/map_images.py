@@ -4,6 +4,7 @@ light and shade alone.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
-from stereo_seecolor.files.rasters import open_raster
+from stereo_seecolor.files.rasters import can_read_rasters, open_raster
 
 TILE_PX = 512
 FIRST_LEVEL = 8
@@ -59,14 +60,10 @@ def levels(width: int, height: int) -> int:
     return int(np.ceil(np.log2(max(width, height, 1)))) + 1
 
 
-def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]]] | None:
-    """Size and place of orthomosaic.tif and its tiles; None where the library that reads it is
-    missing.
-    """
-    try:
-        import rasterio
-    except ImportError:  # pragma: no cover: where the geo extra is missing
-        return None
+def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]]]:
+    """Size and place of orthomosaic.tif and its tiles."""
+    import rasterio
+
     with open_raster(path, 4) as mosaic:
         about = _place(mosaic)
 
@@ -92,9 +89,7 @@ class TerrainImages:
     @classmethod
     def open(cls, path: Path) -> "TerrainImages | None":
         """None where the library that reads it is missing."""
-        try:
-            import rasterio  # noqa: F401
-        except ImportError:  # pragma: no cover: where the geo extra is missing
+        if not can_read_rasters():  # pragma: no cover: where the geo extra is missing
             return None
         with open_raster(path) as file:
             scale = max(1.0, max(file.width, file.height) / SAMPLE_PX)
@@ -115,32 +110,21 @@ class TerrainImages:
             part = file.read(1, window=window, out_shape=shape, masked=True)
         return np.asarray(part.filled(np.nan), np.float32)
 
-    def colored(self) -> Iterator[tuple[str, bytes]]:
-        """Tiles of heights in colors, lit from the north-west."""
-        return pyramid(
-            self.about["width"],
-            self.about["height"],
-            lambda box, size: self._shaded(box, size, True),
-        )
+    def tiles(self, colored: bool) -> Iterator[tuple[str, bytes]]:
+        """Tiles of heights in colors, lit from the north-west; or of light and shade alone, to be
+        laid over the mosaic.
+        """
+        shaded = partial(self._shaded, colored)
+        return pyramid(self.about["width"], self.about["height"], shaded)
 
-    def hillshade(self) -> Iterator[tuple[str, bytes]]:
-        """Tiles of light and shade alone, to be laid over the mosaic."""
-        return pyramid(
-            self.about["width"],
-            self.about["height"],
-            lambda box, size: self._shaded(box, size, False),
-        )
-
-    def _shaded(self, box: Box, size: tuple[int, int], colored: bool) -> NDArray[np.uint8]:
+    def _shaded(self, colored: bool, box: Box, size: tuple[int, int]) -> NDArray[np.uint8]:
         """(h, w, 4) RGBA, clear where the height is unknown; neighbors beyond the box are used, so
         that no seam is seen.
         """
         step = max(1, round(box[2] / size[0]))
         left, top = int(box[0] > 0), int(box[1] > 0)
-        right, bottom = (
-            int(box[0] + box[2] < self.about["width"]),
-            int(box[1] + box[3] < self.about["height"]),
-        )
+        right = int(box[0] + box[2] < self.about["width"])
+        bottom = int(box[1] + box[3] < self.about["height"])
         wider = (
             box[0] - left * step,
             box[1] - top * step,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import RIM_SHADE, SIZES, Piece, box, packed_surface
 from stereo_seecolor.report.mesh_code import Walk
-from stereo_seecolor.report.mesh_levels import Level, Place, tile_edge_m
+from stereo_seecolor.report.mesh_levels import Level, Numbered, Place, below, tile_edge_m
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -59,23 +59,20 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
         key for place in sorted(whole) for key in _in_order(top, place) if key[1] in cut[key[0]]
     ]
 
-    def work() -> Iterator[tuple[float, int, Piece]]:
+    def work() -> Iterator[tuple[float, int, Numbered]]:
         for number, place in keys:
             level = painted[number]
             yield level.cell_m, 2**number, level.square(place, edge_m * 2**number)
 
     made = Threads(cores()).each(partial(_packed, Views(posed)), work())
     for (level, place), (where, parts) in zip(keys, made, strict=True):
+        finer = [each for each in below(place) if level and each in cut[level - 1]]
         entry = {
             **where,
             "cell_m": painted[level].cell_m,
             "texel_m": posed.pixel_m * 2**level,
             "texels": sum(int(np.prod(part["size"])) for part in parts if "size" in part),
-            "finer": [
-                _name(level - 1, each)
-                for each in _below(place)
-                if level > 0 and each in cut[level - 1]
-            ],
+            "finer": [_name(level - 1, each) for each in finer],
         }
         yield _name(level, place), entry, parts
 
@@ -83,7 +80,7 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
 def _in_order(level: int, place: Place) -> Iterator[tuple[int, Place]]:
     """A tile after those below it: they need the same images."""
     if level > 0:
-        for each in _below(place):
+        for each in below(place):
             yield from _in_order(level - 1, each)
     yield level, place
 
@@ -92,17 +89,13 @@ def _name(level: int, place: Place) -> str:
     return f"textured_{level}_{place[0]}_{place[1]}"
 
 
-def _below(place: Place) -> list[Place]:
-    return [(2 * place[0] + i, 2 * place[1] + k) for i in (0, 1) for k in (0, 1)]
-
-
 def _area_m2(piece: Piece) -> float:
     a, b, c = (piece.points_m[corner] for corner in piece.triangles.T)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
 
 
 def _packed(
-    views: Views, tile: tuple[float, int, Piece]
+    views: Views, tile: tuple[float, int, Numbered]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Where a tile lies, and its parts: pages of texture with their triangles, and those that no
     image shows in the map's colors. tile: edge of its cells, pixels of the images to one of the
@@ -118,7 +111,7 @@ def _packed(
     made = textured(views, surface)
     correction = made.charts.correction.copy()
     correction[piece.rim[made.charts.vertex]] -= RIM_SHADE
-    made = replace(made, charts=made.charts.leveled(correction))
+    made = replace(made, charts=replace(made.charts, correction=correction))
     unseen = made.charts.of_face < 0
     step_m = cell_m / SIZES.steps_per_voxel
     parts = [
@@ -126,7 +119,7 @@ def _packed(
         for page in replace(made, group=np.where(unseen, -1, 0)).pages(step=step)
     ]
     if unseen.any():
-        parts.append(piece.of(np.flatnonzero(unseen)).packed(step_m))
+        parts.append(piece.of(unseen).packed(step_m))
     return box(piece), parts
 
 

@@ -5,9 +5,9 @@ level before around it, wide enough that its neighbor makes the same of what the
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from stereo_seecolor.files.ply import let_go, read_triangles, read_vertices
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.mapping.surface.kernels import packed
 from stereo_seecolor.mapping.surface.small_holes import closed
-from stereo_seecolor.report.map_mesh import SIZES, Piece, rim_of
+from stereo_seecolor.report.map_mesh import SIZES, Piece, middles, rim_of
 
 Floats = NDArray[np.float64]
 Place = tuple[int, int]
@@ -36,55 +36,36 @@ TILE_BYTES = 70e6
 """Memory of a tile while it is made, as measured."""
 
 
-class Numbered(NamedTuple):
-    """A part of a mesh. points_m (N, 3), colors (N, 3); number (N,): of each point in the whole
-    mesh, rising; rim (N,): whether the whole mesh ends there. triangles (T, 3): into these.
-    """
+@dataclass(frozen=True, eq=False)
+class Numbered(Piece):
+    """A piece of which each point has a number in the whole mesh: number (N,), rising."""
 
-    points_m: NDArray[np.float32]
-    colors: NDArray[np.uint8]
     number: NDArray[np.int64]
-    rim: NDArray[np.bool_]
-    triangles: NDArray[np.int64]
-
-    @property
-    def middles_m(self) -> NDArray[np.float32]:
-        """x and y of the middle of each triangle, (T, 2)."""
-        return _middles(self.points_m, self.triangles)
 
     def of(self, chosen: NDArray[np.bool_]) -> "Numbered":
         """Those of the triangles (T,), with their points."""
         used, triangles = _used(self.triangles[chosen])
         return Numbered(
-            self.points_m[used],
-            self.colors[used],
-            self.number[used],
-            self.rim[used],
-            triangles,
+            self.points_m[used], self.colors[used], triangles, self.rim[used], self.number[used]
         )
 
     @classmethod
     def joined(cls, parts: "Sequence[Numbered]") -> "Numbered":
         """One of several parts of the same mesh, which share points and no triangles."""
         if not parts:
-            none = np.zeros((0, 3))
-            return cls(
-                none.astype(np.float32),
-                none.astype(np.uint8),
-                np.zeros(0, np.int64),
-                np.zeros(0, np.bool_),
-                none.astype(np.int64),
-            )
+            points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+            triangles, number = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+            return cls(points, colors, triangles, np.zeros(0, np.bool_), number)
         counts = np.cumsum([0, *(len(part.number) for part in parts)])
         number = np.concatenate([part.number for part in parts])
         unique, first, place = np.unique(number, return_index=True, return_inverse=True)
-        triangles = [part.triangles + start for part, start in zip(parts, counts, strict=False)]
+        corners = [part.triangles + start for part, start in zip(parts, counts, strict=False)]
         return cls(
             np.concatenate([part.points_m for part in parts])[first],
             np.concatenate([part.colors for part in parts])[first],
-            unique,
+            place[np.concatenate(corners)],
             np.concatenate([part.rim for part in parts])[first],
-            place[np.concatenate(triangles)],
+            unique,
         )
 
 
@@ -114,8 +95,7 @@ class MeshSource:
         boxes, low_z_m = [], np.inf
         for start in range(0, len(triangles), PART):
             part = np.asarray(triangles[start : start + PART], np.int64)
-            middles = _middles(points_m, part)
-            boxes.append(np.concatenate([middles.min(axis=0), middles.max(axis=0)]))
+            boxes.append(_box(middles(points_m, part)))
             low_z_m = min(low_z_m, float(points_m[part[:, 0], 2].min()))
             let_go(points_m, triangles)
         return cls(points_m, colors, triangles, np.array(boxes).reshape(-1, 4), low_z_m)
@@ -136,7 +116,7 @@ class MeshSource:
         found: set[Place] = set()
         for start in range(0, len(self.triangles), PART):
             part = np.asarray(self.triangles[start : start + PART], np.int64)
-            found |= _places(_middles(self.points_m, part), self.corner_m, edge_m)
+            found |= _places(middles(self.points_m, part), self.corner_m, edge_m)
             let_go(self.points_m, self.triangles)
         return found
 
@@ -145,17 +125,14 @@ class MeshSource:
         parts = []
         for k in np.flatnonzero(_meet(self.boxes, low_m, high_m)).tolist():
             part = np.asarray(self.triangles[k * PART : (k + 1) * PART], np.int64)
-            inside = _inside(_middles(self.points_m, part), low_m, high_m)
+            inside = _inside(middles(self.points_m, part), low_m, high_m)
             parts.append(part[inside])
         chosen = np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
         number, triangles = _used(chosen)
-        points, colors = (
-            np.asarray(self.points_m[number], np.float32),
-            np.asarray(self.colors[number], np.uint8),
-        )
+        points = np.asarray(self.points_m[number], np.float32)
+        colors = np.asarray(self.colors[number], np.uint8)
         let_go(self.points_m, self.triangles)
-        inner = np.zeros(len(number), np.bool_)
-        return Numbered(points, colors, number, inner, triangles)
+        return Numbered(points, colors, triangles, np.zeros(len(number), np.bool_), number)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,13 +149,9 @@ class Level:
     boxes: dict[Place, Floats]
     triangles: int
 
-    def tile(self, place: Place) -> Piece:
-        """Read a tile."""
-        return _piece(self._read(place))
-
-    def tiles(self) -> Iterator[tuple[Place, Piece]]:
+    def tiles(self) -> Iterator[tuple[Place, Numbered]]:
         """Read all tiles, one in memory at a time."""
-        return ((place, self.tile(place)) for place in self.boxes)
+        return ((place, self._read(place)) for place in self.boxes)
 
     def places(self, edge_m: float) -> set[Place]:
         """The tiles of another edge that hold the middle of a triangle."""
@@ -187,9 +160,9 @@ class Level:
             found |= _places(piece.middles_m, self.corner_m, edge_m)
         return found
 
-    def square(self, place: Place, edge_m: float) -> Piece:
+    def square(self, place: Place, edge_m: float) -> Numbered:
         """The triangles of a tile of another edge."""
-        return _piece(self.within(*_bounds(self.corner_m, place, edge_m)))
+        return self.within(*_bounds(self.corner_m, place, edge_m))
 
     def within(self, low_m: Floats, high_m: Floats) -> Numbered:
         """The triangles whose middle lies from low_m to before high_m, x and y."""
@@ -200,7 +173,7 @@ class Level:
         return Numbered.joined(parts)
 
     def _read(self, place: Place) -> Numbered:
-        found = read_arrays(_path(self.folder, place), len(Numbered._fields))
+        found = read_arrays(_path(self.folder, place), len(fields(Numbered)))
         if found is None:
             raise OutputError(f"{self.folder}: no room for the page's map")
         return Numbered(*found)
@@ -263,15 +236,13 @@ def _level(
             part = cluster_vertices(part, cell_m, corner_m)
         triangles = closed(part.points_m, part.triangles, cell_m)
         rim = rim_of(triangles, len(part.points_m))
-        part = part._replace(triangles=triangles, rim=rim)
-        middles = part.middles_m
-        inside = _inside(middles, low_m, high_m)
+        part = replace(part, triangles=triangles, rim=rim)
+        inside = _inside(part.middles_m, low_m, high_m)
         if not inside.any():
             return None
-        write_arrays(_path(folder, place), part.of(inside))
-        middles = middles[inside]
-        box = np.concatenate([middles.min(axis=0), middles.max(axis=0)])
-        return place, box, len(middles)
+        own = part.of(inside)
+        write_arrays(_path(folder, place), [getattr(own, one.name) for one in fields(own)])
+        return place, _box(part.middles_m[inside]), len(own.triangles)
 
     threads = Threads(at_once(cores(), TILE_BYTES))
     made = [each for each in threads.each(tile, sorted(places)) if each]
@@ -293,10 +264,15 @@ def cluster_vertices(part: Numbered, cell_m: float, corner_m: Floats) -> Numbere
     return Numbered(
         means[:, :3].astype(np.float32),
         np.rint(means[:, 3:]).astype(np.uint8),
-        number,
-        np.zeros(len(number), np.bool_),
         triangles[(a != b) & (b != c) & (c != a)],
+        np.zeros(len(number), np.bool_),
+        number,
     )
+
+
+def below(place: Place) -> list[Place]:
+    """The tiles of the next finer level that cover the same area."""
+    return [(2 * place[0] + i, 2 * place[1] + k) for i in (0, 1) for k in (0, 1)]
 
 
 def _used(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -313,17 +289,13 @@ def _used(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.i
     return np.flatnonzero(is_used) + first, places[triangles - first]
 
 
-def _piece(part: Numbered) -> Piece:
-    return Piece(part.points_m, part.colors, part.triangles, part.rim)
-
-
 def _path(folder: Path, place: Place) -> Path:
     return folder / f"{place[0]}_{place[1]}.raw"
 
 
-def _middles(points_m: NDArray[np.float32], triangles: NDArray[np.int64]) -> NDArray[np.float32]:
-    a, b, c = (points_m[corner, :2] for corner in triangles.T)
-    return np.asarray((a + b + c) / 3, np.float32)
+def _box(middles_m: NDArray[np.float32]) -> NDArray[Any]:
+    """(4,) the least and the largest x and y."""
+    return np.concatenate([middles_m.min(axis=0), middles_m.max(axis=0)])
 
 
 def _places(

@@ -1,5 +1,5 @@
-"""The page's overview of the dive: facts, methods, settings and citations, as values of the
-template.
+"""The page's overview of the dive: facts, example frames, methods, settings and citations, as
+values of the template.
 """
 
 import json
@@ -228,17 +228,42 @@ def _halving(facts: DiveFacts) -> list[Fact]:
     ]
 
 
+EXAMPLES = 6
+"""Frames of the overview."""
+_EXTREMES: tuple[tuple[str, str, Callable[..., FrameRow]], ...] = (
+    ("why.nearest", "median_range_m", min),
+    ("why.farthest", "median_range_m", max),
+    ("why.most_measured", "coverage", max),
+    ("why.least_measured", "coverage", min),
+    ("why.hardest_color", "unrecoverable_fraction", max),
+)
+
+
+def example_frames(facts: DiveFacts) -> list[tuple[str, str]]:
+    """(frame, key of the text with the reason), at most six: extremes of what was measured, then
+    frames spread over the dive.
+    """
+    rows = [row for row in facts.pairs if row.status == "ok"]
+    picks: dict[str, str] = {}
+    if rows:
+        picks[rows[len(rows) // 2].name] = "why.middle"
+    for why, fact, best in _EXTREMES:
+        known = [row for row in rows if fact in row.facts and row.name not in picks]
+        if known:
+            picks[best(known, key=lambda row, fact=fact: row.facts[fact]).name] = why
+    for row in rows[:: max(1, len(rows) // EXAMPLES)]:
+        picks.setdefault(row.name, "why.spread")
+    return list(picks.items())[:EXAMPLES]
+
+
 def methods(facts: DiveFacts) -> str:
     """A paragraph of methods with this run's own numbers; what is unknown is left out."""
     return " ".join([*_methods_of_pairs(facts), *_methods_of_water(facts), *_methods_of_map(facts)])
 
 
 def _methods_of_pairs(facts: DiveFacts) -> list[str]:
-    geometry, range_m, coverage = (
-        facts.run.geometry,
-        facts.typical("median_range_m"),
-        facts.typical("coverage"),
-    )
+    geometry = facts.run.geometry
+    range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
     if geometry is None or range_m is None or coverage is None:
         return []
     width, height = geometry.image_size
@@ -331,23 +356,19 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
         "voxel": digits(1000 * made.cell_m["voxel_m"]),
         "area": digits(made.area_m2),
     }
-    sentences = [phrase("methods.map", **numbers), phrase(f"methods.track.{_kind_of_track(made)}")]
+    residuals = [
+        point.position_residual_m for point in made.track if point.position_residual_m is not None
+    ]
+    track = phrase(f"methods.track.{'given' if residuals else 'own'}")
+    sentences = [phrase("methods.map", **numbers), track]
     if made.range_scale != 1:
         sentences.append(phrase("methods.scale", factor=digits(made.range_scale, 4)))
     if facts.structure:
         values = _rugosity(facts.structure, lambda meters: f"{digits(1000 * meters)} mm")
         sentences.append(phrase("methods.map_rugosity", **values))
-    residuals = [
-        point.position_residual_m for point in made.track if point.position_residual_m is not None
-    ]
     if residuals:
         sentences.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
     return sentences
-
-
-def _kind_of_track(made: FinishedMap) -> str:
-    given = any(point.position_residual_m is not None for point in made.track)
-    return "given" if given else "own"
 
 
 def citations(facts: DiveFacts) -> list[str]:

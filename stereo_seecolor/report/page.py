@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,9 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.chart_records import kept_charts
-from stereo_seecolor.report.early_frames import FORMAT, page_stage
-from stereo_seecolor.report.example_frames import example_frames
 from stereo_seecolor.report.frame_blocks import FOLDER as FRAME_BLOCKS
 from stereo_seecolor.report.frame_blocks import frame_blocks
-from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
+from stereo_seecolor.report.frame_files import FORMAT, FrameFiles, page_stage, raw_is_there
 from stereo_seecolor.report.kept_measures import FILE as MEASURES
 from stereo_seecolor.report.kept_measures import read_kept_measures
 from stereo_seecolor.report.map_files import write_map_files
@@ -29,6 +28,7 @@ from stereo_seecolor.report.overview import (
     changed_settings,
     citations,
     dive_facts,
+    example_frames,
     methods,
 )
 from stereo_seecolor.report.page_columns import columns
@@ -69,10 +69,10 @@ def write_page(
     """
     facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
-    maker = _FrameMaker(folder, FrameFiles.of(run))
+    record_of = partial(_frame_record, folder, FrameFiles.of(run))
     made, left_out, shown = 0, {}, {}
     for number, (frame, record) in enumerate(
-        zip(run.frames, Threads(cores()).each(maker.of, run.frames), strict=True)
+        zip(run.frames, Threads(cores()).each(record_of, run.frames), strict=True)
     ):
         progress(number + 1, len(run.frames))
         if isinstance(record, FrameError):
@@ -123,34 +123,27 @@ def _dive_id(run: FinishedRun) -> str:
     return run.frames[0].sha256[:16] if run.frames else ""
 
 
-@dataclass(frozen=True, eq=False)
-class _FrameMaker:
-    """Makes the page's files of a frame, unless they exist."""
-
-    folder: RunFolder
-    files: FrameFiles
-
-    def of(self, frame: FinishedFrame) -> FrameRecord | FrameError | None:
-        """The frame's record; a FrameError where it cannot be shown; None where it has no corrected
-        image.
-        """
-        record = self.folder.manifest.frame(frame.name)
-        if record is None or "corrected" not in record.stages:
-            return None
-        stages = {
-            before: page_stage(record.stages["corrected"].key, before) for before in (True, False)
-        }
-        with_before = raw_is_there(frame)
-        good = [stages[True]] if with_before else [stages[True], stages[False]]
-        if any(self.folder.frames.finished("page", frame.name, stage.key) for stage in good):
-            return record
-        try:
-            files = self.files.make(frame)
-        except FrameError as error:
-            return error
-        return self.folder.frames.save(
-            record.with_stage("page", stages[with_before]), "page", files
-        )
+def _frame_record(
+    folder: RunFolder, files: FrameFiles, frame: FinishedFrame
+) -> FrameRecord | FrameError | None:
+    """The frame's record once its files are made, unless they exist; a FrameError where it cannot
+    be shown; None where it has no corrected image.
+    """
+    record = folder.manifest.frame(frame.name)
+    if record is None or "corrected" not in record.stages:
+        return None
+    stages = {
+        before: page_stage(record.stages["corrected"].key, before) for before in (True, False)
+    }
+    with_before = raw_is_there(frame)
+    good = [stages[True]] if with_before else [stages[True], stages[False]]
+    if any(folder.frames.finished("page", frame.name, stage.key) for stage in good):
+        return record
+    try:
+        made = files.make(frame)
+    except FrameError as error:
+        return error
+    return folder.frames.save(record.with_stage("page", stages[with_before]), "page", made)
 
 
 Shown = dict[str, tuple[str, ...]]
@@ -213,14 +206,8 @@ def _picture(run: FinishedRun, name: str, products: Sequence[str]) -> str:
 
 
 def _suffix(run: FinishedRun) -> str:
-    return next(
-        (
-            frame.products["corrected"].suffix
-            for frame in run.frames
-            if "corrected" in frame.products
-        ),
-        "",
-    )
+    corrected = (frame.products.get("corrected") for frame in run.frames)
+    return next((path.suffix for path in corrected if path), "")
 
 
 def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:

@@ -7,10 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.overview import (
-    DiveFacts,
-)
+from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 
 Column = list[float | None]
@@ -41,9 +38,8 @@ def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
     known = sorted({key for row in facts.rows for key in row.facts})
     made = {key: {"": [row.facts.get(key) for row in facts.rows]} for key in known}
     made |= _water(facts) | _track(facts)
-    made["seconds"] = {
-        stage: [row.seconds.get(stage) for row in facts.rows] for stage in _stages(facts.rows)
-    }
+    stages = dict.fromkeys(stage for row in facts.rows for stage in row.seconds)
+    made["seconds"] = {stage: [row.seconds.get(stage) for row in facts.rows] for stage in stages}
     rounded = {
         plot: {name: _rounded(column) for name, column in curves.items()}
         for plot, curves in made.items()
@@ -53,10 +49,6 @@ def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
         for plot, curves in rounded.items()
         if any(_varies(column) for column in curves.values())
     }
-
-
-def _stages(rows: Sequence[FrameRow]) -> list[str]:
-    return list(dict.fromkeys(stage for row in rows for stage in row.seconds))
 
 
 def _varies(column: Column) -> bool:
@@ -88,9 +80,8 @@ def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
         for name, water in facts.waters.items()
     }
     made: dict[str, dict[str, Column]] = {}
-    for kind, plot in enumerate(
-        ("water_attenuation", "water_backscatter", "water_attenuation_std")
-    ):
+    plots = ("water_attenuation", "water_backscatter", "water_attenuation_std")
+    for kind, plot in enumerate(plots):
         made[plot] = {
             channel: [
                 float(of_frame[row.name][kind][c]) if row.name in of_frame else None
@@ -122,11 +113,9 @@ def _speeds(track: Sequence[TrackPoint]) -> Mapping[str, float | None]:
     """
     speeds: dict[str, float | None] = {}
     for a, b in pairwise(track):
-        seconds = (
-            b.timestamp_s - a.timestamp_s
-            if a.timestamp_s is not None and b.timestamp_s is not None
-            else 0.0
-        )
+        seconds = 0.0
+        if a.timestamp_s is not None and b.timestamp_s is not None:
+            seconds = b.timestamp_s - a.timestamp_s
         distance_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
         speeds[b.name] = distance_m / seconds if seconds > 0 else None
     return speeds

@@ -35,7 +35,9 @@ def coded(codes: NDArray[np.integer] | NDArray[np.bool_]) -> bytes:
 
 @compiled
 def _write(bit, chances, which, ends, content):  # type: ignore[no-untyped-def]
-    """Write a bit, and adapt its chance. ends: (3,) of the coder's interval, and bytes written."""
+    """Write a bit, and adapt its chance. bit: always bool, since each type is compiled apart. ends:
+    (3,) of the coder's interval, and bytes written.
+    """
     chance = chances[which]
     middle = ends[0] + (((ends[1] - ends[0]) * chance) >> 16)
     if bit:
@@ -60,24 +62,22 @@ def _clipped(difference):  # type: ignore[no-untyped-def]
 def _write_size(rest, around, further, bits, ends, content):  # type: ignore[no-untyped-def]
     """Write how much larger than one an error is. around: sum of the neighbors' differences."""
     first = min(around, MOST_AROUND) * UNARY
-    for place in range(min(rest, UNARY)):
-        _write(1, further, first + place, ends, content)
-    if rest < UNARY:
-        _write(0, further, first + rest, ends, content)
-    else:
+    for place in range(min(rest + 1, UNARY)):
+        _write(place < rest, further, first + place, ends, content)
+    if rest >= UNARY:
         _write_large(rest - UNARY + 1, bits, ends, content)
 
 
 @compiled
 def _write_large(number, bits, ends, content):  # type: ignore[no-untyped-def]
     """Write how many bits follow the first one of a number, and these."""
-    size = 0
-    while number >> (size + 1):
-        _write(1, bits, size, ends, content)
+    size, longer = -1, True
+    while longer:
         size += 1
-    _write(0, bits, size, ends, content)
+        longer = number >> (size + 1) > 0
+        _write(longer, bits, size, ends, content)
     for place in range(size - 1, -1, -1):
-        _write((number >> place) & 1, bits, 32 + place, ends, content)
+        _write((number >> place) & 1 > 0, bits, 32 + place, ends, content)
 
 
 @compiled

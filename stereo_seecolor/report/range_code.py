@@ -85,5 +85,6 @@ def std_blocks(range_std_m: Map) -> Map:
     padded[:height, :width] = np.where(np.isfinite(range_std_m), range_std_m, np.float32(np.nan))
     blocks = padded.reshape(rows, step, columns, step).swapaxes(1, 2).reshape(rows, columns, -1)
     blocks = np.sort(blocks, axis=-1)  # NaN last
-    middle = np.maximum((np.isfinite(blocks).sum(axis=-1) - 1) // 2, 0)
+    known = np.isfinite(blocks).astype(np.float32) @ np.ones(step**2, np.float32)
+    middle = np.maximum((known.astype(np.int64) - 1) // 2, 0)
     return np.take_along_axis(blocks, middle[..., None], axis=-1)[..., 0]

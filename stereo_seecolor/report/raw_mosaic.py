@@ -56,12 +56,8 @@ class RawMosaic:
             rgba = np.memmap(file, np.uint8, "w+", shape=(height, width, 4))
         for top in range(0, height, LIMITS.tile_px):
             for left in range(0, width, LIMITS.tile_px):
-                box = (
-                    left,
-                    top,
-                    min(LIMITS.tile_px, width - left),
-                    min(LIMITS.tile_px, height - top),
-                )
+                size = min(LIMITS.tile_px, width - left), min(LIMITS.tile_px, height - top)
+                box = left, top, *size
                 points_m = _points(terrain, box, posed.offset_m)
                 if np.isfinite(points_m[..., 2]).any():
                     rgba[top : top + box[3], left : left + box[2]] = views.paint(points_m)
@@ -80,10 +76,8 @@ class RawMosaic:
         about = self.terrain.about
         x = (piece.points_m[:, 0] + offset_m[0] - about["west_m"]) / about["pixel_m"]
         y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
-        columns, rows = (
-            np.clip(x.astype(int), 0, about["width"] - 1),
-            np.clip(y.astype(int), 0, about["height"] - 1),
-        )
+        columns = np.clip(x.astype(int), 0, about["width"] - 1)
+        rows = np.clip(y.astype(int), 0, about["height"] - 1)
         found = self.rgba[rows, columns]
         return np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
 
@@ -120,22 +114,15 @@ class _Views:
     def _open(self, number: int) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """(h, w, 3) RGB picture and (H, W) measured ranges; None where one cannot be read."""
         path = self._posed.run.root / self._posed.frames[number].page_path("page/before")
-        bgr = cv2.imread(
-            str(path), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR
-        )
+        # of a fine picture, half of the pixels are still finer than the cells
+        is_fine = self._geometry.image_size[0] >= 1600
+        bgr = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2 if is_fine else cv2.IMREAD_COLOR)
+        if bgr is None:
+            return None
         try:
-            return (
-                None
-                if bgr is None
-                else (bgr[..., ::-1], self._posed.measured_range_m(self._posed.frames[number]))
-            )
+            return bgr[..., ::-1], self._posed.measured_range_m(self._posed.frames[number])
         except InputError:
             return None
-
-    @property
-    def _is_fine(self) -> bool:
-        # half of the picture's pixels are still finer than the cells
-        return self._geometry.image_size[0] >= 1600
 
     def paint(self, points_m: Floats) -> NDArray[np.uint8]:
         """(h, w, 4) RGBA of cells (h, w, 3)."""
@@ -157,11 +144,8 @@ class _Views:
             scale = picture.shape[1] / self._geometry.image_size[0]
             rows = np.clip((v[seen] + 0.5) * scale, 0, picture.shape[0] - 1).astype(int)
             columns = np.clip((u[seen] + 0.5) * scale, 0, picture.shape[1] - 1).astype(int)
-            painted[seen, :3], painted[seen, 3], best[seen] = (
-                picture[rows, columns],
-                255,
-                cost[seen],
-            )
+            painted[seen, :3], painted[seen, 3] = picture[rows, columns], 255
+            best[seen] = cost[seen]
         return painted
 
     def _cost(self, points_m: Floats, number: int) -> tuple[Floats, Floats, Floats]:

@@ -65,10 +65,8 @@ def squares_of(
     values = np.array(
         [[float(row[name] or "nan") for name in ("x_m", "y_m", *names)] for row in rows], np.float64
     ).reshape(len(rows), 2 + len(names))
-    std, chosen = (
-        np.full((len(rows), len(names)), np.nan),
-        [names.index(name) for name in ROUGHNESS],
-    )
+    std = np.full((len(rows), len(names)), np.nan)
+    chosen = [names.index(name) for name in ROUGHNESS]
     for number, row in enumerate(rows):
         of_row, of_column = map(int, row["square"].split("-"))
         if (found := without_noise.get((of_row, of_column))) is not None:

@@ -28,13 +28,9 @@ def digits(value: float, count: int = 3) -> str:
     if abs(value) < 1e-6:
         return "0"
     text = f"{value:.{count}g}"
-    return (
-        f"{value:.0f}"
-        if "e" in text and abs(value) >= 1
-        else f"{value:.6f}".rstrip("0")
-        if "e" in text
-        else text
-    )
+    if "e" not in text:
+        return text
+    return f"{value:.0f}" if abs(value) >= 1 else f"{value:.6f}".rstrip("0")
 
 
 def duration(seconds: float) -> str:

@@ -21,10 +21,7 @@ from calibration.rig_errors import RangeError
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files.atomic import (
-    files_below,
-    write_replaceable,
-)
+from stereo_seecolor.files.atomic import files_below, write_replaceable
 from stereo_seecolor.files.json_records import Record, as_record
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
@@ -64,7 +61,8 @@ def kept(path: Path, key: str) -> bytes | None:
 
 def _kept_object(path: Path, key: str) -> dict[str, Any]:
     """The object that JSON under that hash holds. Raises ValueError where there is none."""
-    content = load_json(kept(path, key) or b"")
+    text = kept(path, key)
+    content = load_json(text or b"")
     if not isinstance(content, dict):
         raise ValueError("holds no object")
     return content
@@ -73,7 +71,8 @@ def _kept_object(path: Path, key: str) -> dict[str, Any]:
 def _kept_record(kind: type[Record], path: Path, key: str) -> Record | None:
     """The record that JSON under that hash holds; None where there is none."""
     try:
-        return as_record(kind, _kept_object(path, key))
+        content = _kept_object(path, key)
+        return as_record(kind, content)
     except ValueError:
         return None
 
@@ -194,11 +193,6 @@ class KeptRigCheck:
     def load(cls, root: Path, key: str) -> "KeptRigCheck | None":
         """Read that of an earlier run; None where there is none."""
         return _kept_record(cls, cache_file(root, "rig_check"), key)
-
-
-def forget_refinement(root: Path) -> None:
-    """Delete the refined rig of an earlier run."""
-    cache_file(root, "refined_rig").unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

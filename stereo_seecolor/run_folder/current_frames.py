@@ -5,6 +5,7 @@ a million, on a shared disk.
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -62,27 +63,21 @@ class CurrentFrames:
 
 def _records(manifest: Manifest, compute: Compute | None) -> Iterable[FrameRecord]:
     """What matters here of all records, by name."""
-    names, read = manifest.names(), _RecordsOf(manifest)
+    names, read = manifest.names(), partial(_read, manifest)
     groups = [names[start : start + GROUP] for start in range(0, len(names), GROUP)]
     return chain.from_iterable(compute.each(read, groups) if compute else map(read, groups))
 
 
-@dataclass(frozen=True)
-class _RecordsOf:
+def _read(manifest: Manifest, names: Sequence[str]) -> list[FrameRecord]:
     """The records of some frames: keys, settings and products of their stages."""
-
-    manifest: Manifest
-
-    def __call__(self, names: Sequence[str]) -> list[FrameRecord]:
-        found = (self.manifest.frame(name) for name in names)
-        return [
-            FrameRecord(
-                frame.name,
-                stages={stage: _without_facts(record) for stage, record in frame.stages.items()},
-            )
-            for frame in found
-            if frame
-        ]
+    return [
+        FrameRecord(
+            frame.name,
+            stages={stage: _without_facts(record) for stage, record in frame.stages.items()},
+        )
+        for frame in map(manifest.frame, names)
+        if frame
+    ]
 
 
 def _without_facts(record: StageRecord) -> StageRecord:

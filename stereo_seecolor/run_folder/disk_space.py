@@ -40,37 +40,15 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
     return pixels * total
 
 
-@dataclass(frozen=True)
-class DiskSpace:
-    """The bytes that a number of pairs need on the disk of OUT, and the bytes that are free
-    there.
+def check_disk(root: Path, pairs: int, pair_bytes: float) -> tuple[str, bool]:
+    """One line on the space that so many pairs need on the disk of OUT, for the user, before the
+    work begins; and whether the disk may turn out too small. Raises OutputError where it is.
     """
-
-    pairs: int
-    need: float
-    free: float
-
-    @classmethod
-    def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "DiskSpace":
-        """Compute need and free space for the pairs that are left. Raises OutputError where the
-        disk is too small.
-        """
-        room = cls(pairs, pairs * pair_bytes, shutil.disk_usage(root).free)
-        if room.need * BYTES.least > room.free:
-            raise OutputError(
-                f"{root}: {room.line}: set output.preset=lean, or choose an --out on another disk"
-            )
-        return room
-
-    @property
-    def line(self) -> str:
-        """One line for the user, before the work begins."""
-        needs = f"{counted(self.pairs, 'pair')} need{'s' if self.pairs == 1 else ''}"
-        return (
-            f"disk: {needs} about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
+    need, free = pairs * pair_bytes, shutil.disk_usage(root).free
+    needs = f"{counted(pairs, 'pair')} need{'s' if pairs == 1 else ''}"
+    line = f"disk: {needs} about {need / 1e9:.2g} GB, and {free / 1e9:.2g} GB are free"
+    if need * BYTES.least > free:
+        raise OutputError(
+            f"{root}: {line}: set output.preset=lean, or choose an --out on another disk"
         )
-
-    @property
-    def is_low(self) -> bool:
-        """Tell whether the disk may turn out too small."""
-        return self.need > self.free
+    return line, need > free

@@ -41,12 +41,9 @@ class DiveFiles:
         """Begin a run: results made with these settings (stage -> hash) are current from now on.
         Raises OutputError.
         """
-        kept = (
-            self.record.waters
-            if settings.get("corrected") == self.record.settings.get("corrected")
-            else {}
-        )
-        self.update(replace(self.record, state="running", settings=settings, waters=kept))
+        same = settings.get("corrected") == self.record.settings.get("corrected")
+        waters = self.record.waters if same else {}
+        self.update(replace(self.record, state="running", settings=settings, waters=waters))
 
     def set_waters(self, keys: Mapping[str, str]) -> None:
         """Set each frame's water by name ("*": of all), as its hash; corrections with another water

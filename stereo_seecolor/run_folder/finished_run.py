@@ -24,14 +24,7 @@ from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.json_records import as_record
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.records import Map
-from stereo_seecolor.run_folder.layout import (
-    FRAMES_TABLE,
-    RIG,
-    RUN,
-    WATER,
-    in_subfolder,
-    page_path,
-)
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER, in_subfolder, page_path
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
@@ -340,10 +333,8 @@ def _frame(
     out: Path, record: FrameRecord, dive: DiveRecord, base: Path, geometry: RectifiedPair | None
 ) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
-    source, right = (
-        record.inputs.get("left") or record.inputs.get("image"),
-        record.inputs.get("right"),
-    )
+    source = record.inputs.get("left") or record.inputs.get("image")
+    right = record.inputs.get("right")
     return FinishedFrame(
         name=record.name,
         timestamp_s=record.timestamp_s,

@@ -3,16 +3,15 @@ manifest before it is there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-from stereo_seecolor.run_folder.cache import forget_refinement
 from stereo_seecolor.run_folder.dive_files import DiveFiles
 from stereo_seecolor.run_folder.frame_products import FrameProducts
-from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS
-from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PAGE, PRODUCTS, cache_file
+from stereo_seecolor.run_folder.lease import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_folders
@@ -20,6 +19,7 @@ from stereo_seecolor.run_folder.ownership import (
     FolderRequest,
     Owner,
     check_ownership,
+    is_unused,
     refuse_files_of_others,
     refuse_used,
 )
@@ -33,6 +33,7 @@ class RunFolder:
     left half written. frames: the products of single frames. dive: files of the whole dive. owned:
     the files that the program wrote.
 
+    A run that ends by an error before it wrote anything into a new folder leaves nothing there.
     Raises OutputError if the folder cannot be written, is locked by another run, or holds something
     else.
     """
@@ -42,7 +43,7 @@ class RunFolder:
         self.manifest, self.owned = Manifest(root), OwnedFiles(root)
         self.frames = FrameProducts(root, self.owned, self.manifest)
         self.dive = DiveFiles(root, self.owned, self.manifest)
-        self._request, self._hold = request, ExitStack()
+        self._request, self._hold, self._is_new = request, ExitStack(), False
 
     def __reduce__(self) -> "tuple[Callable[[Path, str], RunFolder], tuple[Path, str]]":
         return RunFolder.on_worker, (self.root, self.frames.token)
@@ -62,7 +63,8 @@ class RunFolder:
 
     def __enter__(self) -> Self:
         refuse_links(self.root)
-        if not self.manifest.exists():
+        self._is_new = not self.manifest.exists()
+        if self._is_new:
             refuse_used(self.root)
         with ExitStack() as hold:
             self.frames.token = hold.enter_context(held(self.root)).token
@@ -71,8 +73,11 @@ class RunFolder:
             self._hold = hold.pop_all()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self.owned.flush()
+        if error and self._is_new and not self.dive.record.files and is_unused(self.root):
+            with suppress(OSError):
+                self.manifest.forget_dive()
         self._hold.close()
 
     @classmethod
@@ -105,7 +110,7 @@ class RunFolder:
             self.frames.discard(frame.name)
         dive = self.manifest.dive()
         self.owned.delete(dive.files, dive.files)
-        forget_refinement(self.root)
+        cache_file(self.root, "refined_rig").unlink(missing_ok=True)
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
         for folder in (MAP, PAGE, *PRODUCTS, ORIGINAL):
             remove_empty_folders(self.root / folder)

@@ -1,27 +1,50 @@
 """The products of single frames in OUT, every file known to the manifest before it is there."""
 
+import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
+from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.threads import Lock
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.atomic import Content, output_errors
+from stereo_seecolor.files.contained import find_contained
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.run_folder.input_records import input_record
-from stereo_seecolor.run_folder.layout import (
-    PAGE,
-    Stage,
-    in_subfolder,
-    subfolder_of,
-    table_file,
-)
+from stereo_seecolor.files.whole_files import read_bytes
+from stereo_seecolor.run_folder.layout import PAGE, Stage, in_subfolder, subfolder_of, table_file
 from stereo_seecolor.run_folder.lease import check_lease
 from stereo_seecolor.run_folder.manifest import FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours
-from stereo_seecolor.run_folder.stamp import Stamp
-from stereo_seecolor.run_folder.written_frames import WrittenFrames
+from stereo_seecolor.run_folder.stamp import DIGEST_BYTES, Stamp
+
+STAGES: tuple[Stage, ...] = get_args(Stage)
+
+
+class WrittenFrames:
+    """Frames by name, with a bit for each stage; frames may be added by many threads."""
+
+    def __init__(self) -> None:
+        self._names, self._bits = Names(), bytearray()
+        self._lock = Lock()
+
+    def add(self, stage: Stage, name: str) -> None:
+        """Note that a frame's stage was written."""
+        with self._lock:
+            number = self._names.add(name)
+            if number == len(self._bits):
+                self._bits.append(0)
+            self._bits[number] |= 1 << STAGES.index(stage)
+
+    def stages(self, name: str) -> tuple[Stage, ...]:
+        """The stages of a frame that were written."""
+        with self._lock:
+            number = self._names.number(name)
+            bits = 0 if number is None else self._bits[number]
+        return tuple(stage for bit, stage in enumerate(STAGES) if bits >> bit & 1)
 
 
 class FrameProducts:
@@ -43,11 +66,8 @@ class FrameProducts:
         record = frame.stages.get(stage) if frame else None
         if frame is None or record is None or record.key != key:
             return None
-        return (
-            record
-            if all(is_ours(self.root, path, frame.files) for path in record.outputs.values())
-            else None
-        )
+        known = all(is_ours(self.root, path, frame.files) for path in record.outputs.values())
+        return record if known else None
 
     def inputs(self, name: str, paths: Mapping[str, Path], verify: bool) -> dict[str, InputRecord]:
         """Record a frame's input files by side, with their hashes: an earlier run's where size and
@@ -117,31 +137,6 @@ class FrameProducts:
         self.written.add(stage, frame.name)
         return frame
 
-    def adopt(self, other: Path, frame: FrameRecord) -> None:
-        """Take a frame of another run's folder as one of this, its table included; its files get a
-        second name, or are copied.
-
-        What this folder holds of the frame already is kept if it is the same or more. Raises
-        OutputError.
-        """
-        known = self._manifest.frame(frame.name)
-        if known and all(
-            self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()
-        ):
-            return
-        self.discard(frame.name)
-        table = table_file(frame.name, frame.subfolder)
-        paths = [path for path in (*frame.files, table) if (other / path).is_file()]
-        temporaries: dict[str, Path] = {}
-        for path in paths:
-            with output_errors(self.root / path):
-                temporaries[path] = link_temporary(other / path, self.root / path)
-        self._manifest.save_frame(frame)
-        self._owned.move_into_place(
-            temporaries,
-            {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()},
-        )
-
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
         """Note what a worker did for a frame: the stages that it wrote, and the files that it moved
         aside.
@@ -173,12 +168,8 @@ class FrameProducts:
         """
         frame = self._manifest.frame(name)
         earlier = frame is not None and not self.written.stages(name)
-        products = (
-            [path for path in frame.files if not path.startswith(f"{PAGE}/")]
-            if frame and earlier
-            else []
-        )
-        kept = self._owned.remove_stale(products)
+        files = frame.files if frame and earlier else ()
+        kept = self._owned.remove_stale(path for path in files if not path.startswith(f"{PAGE}/"))
         self.discard(name)
         return kept
 
@@ -189,3 +180,25 @@ class FrameProducts:
             self._owned.delete(frame.files, frame.files)
         self._manifest.remove_frame(name)
         (self.root / table_file(name, frame.subfolder if frame else "")).unlink(missing_ok=True)
+
+
+def input_record(path: Path, known: InputRecord | None) -> InputRecord:
+    """Record a file with its hash; that of ``known`` is taken where size and time are the same.
+    Raises InputError if it cannot be read.
+    """
+    try:
+        inner = find_contained(path)
+        status = (inner.outer if inner else path).stat()
+        same_name = inner is None or (known is not None and known.path.endswith(inner.name))
+        if (
+            known
+            and same_name
+            and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns)
+        ):
+            return replace(known, path=str(path))
+        sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
+        return InputRecord(
+            str(path), Stamp(status.st_size, status.st_mtime_ns, sha256[: 2 * DIGEST_BYTES]), sha256
+        )
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

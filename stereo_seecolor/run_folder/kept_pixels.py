@@ -8,10 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.files.atomic import (
-    TEMPORARY_PREFIX,
-    remove_leftovers,
-)
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, remove_leftovers
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.records import Image, Map, Mask
@@ -42,12 +39,6 @@ class FramePixels:
     image: Image
     range_m: Map | None = None
     measured: Mask | None = None
-
-    def alone(self) -> "FramePixels":
-        """Copy the ranges out of the larger block of memory that a match allocates, so that the
-        block is freed.
-        """
-        return replace(self, range_m=None if self.range_m is None else self.range_m.copy())
 
     @property
     def size(self) -> int:
@@ -90,7 +81,9 @@ class KeptPixels:
                 return
             fits = self._in_memory and self._bytes + pixels.size <= LIMITS.memory_bytes
             if fits:
-                self._memory[name, key] = pixels.alone()
+                # out of the larger block of memory that a match allocates, which is freed then
+                range_m = None if pixels.range_m is None else pixels.range_m.copy()
+                self._memory[name, key] = replace(pixels, range_m=range_m)
                 self._bytes += pixels.size
         if not fits:
             self._write(self._file(self._root, name, key), pixels.image)

@@ -12,7 +12,7 @@ ORIGINAL = "original"
 STATE = ".state"
 """The program's own folder: manifest, tables."""
 KEPT = ".kept"
-LOCK, LEASE, PLAN = "lock", "lease.json", f"plan{KEPT}"
+LOCK, LEASE, PLAN, MANIFEST = "lock", "lease.json", f"plan{KEPT}", "manifest.json"
 """In the program's own folder while a run writes into OUT."""
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
@@ -28,48 +28,38 @@ INDEX, PAGE = "index.html", "page"
 
 @dataclass(frozen=True)
 class Product:
-    """A kind of file that each pair gets. stage: the stage that writes it. suffix: of its files, ""
-    where output.image_format decides. what: what it holds.
+    """A kind of file that each pair gets. suffix: of its files, "" where output.image_format
+    decides. what: what it holds.
     """
 
-    stage: Stage
     suffix: str
     what: str
 
 
 PRODUCTS: dict[str, Product] = {
-    "corrected": Product(
-        "corrected", "", "each left frame in true color, with the bit depth of the input"
-    ),
-    "range": Product(
-        "range", ".tiff", "range in meters along the ray, float32 TIFF, NaN where unknown"
-    ),
-    "range_std": Product("range", ".tiff", "standard error of the range, meters"),
-    "confidence": Product("range", ".png", "confidence of the range, 0..255 for 0..1"),
-    "mask": Product(
-        "corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color beyond recovery"
-    ),
-    "clouds": Product("corrected", ".ply", "colored points in meters, left rectified camera, PLY"),
+    "corrected": Product("", "each left frame in true color, with the bit depth of the input"),
+    "range": Product(".tiff", "range in meters along the ray, float32 TIFF, NaN where unknown"),
+    "range_std": Product(".tiff", "standard error of the range, meters"),
+    "confidence": Product(".png", "confidence of the range, 0..255 for 0..1"),
+    "mask": Product(".png", "0 good, 1 range unknown, 2 range filled in, 3 color beyond recovery"),
+    "clouds": Product(".ply", "colored points in meters, left rectified camera, PLY"),
     "original/corrected": Product(
-        "corrected", "", "each left frame in true color, in the pixels of the raw camera"
+        "", "each left frame in true color, in the pixels of the raw camera"
     ),
     "original/range": Product(
-        "corrected", ".tiff", "range in meters along the ray, in the pixels of the raw camera"
+        ".tiff", "range in meters along the ray, in the pixels of the raw camera"
     ),
-    "original/mask": Product("corrected", ".png", "mask, in the pixels of the raw camera"),
-    "rectified_left": Product("rectified", ".png", "left images, rectified"),
-    "rectified_right": Product("rectified", ".png", "right images, rectified"),
+    "original/mask": Product(".png", "mask, in the pixels of the raw camera"),
+    "rectified_left": Product(".png", "left images, rectified"),
+    "rectified_right": Product(".png", "right images, rectified"),
 }
 
-PAGE_PRODUCTS: dict[str, Product] = {
-    "page/thumbnails": Product("page", ".jpg", "thumbnail of each corrected frame"),
-    "page/before": Product("page", ".jpg", "each left frame as the camera saw it, rectified"),
-    "page/after": Product("page", ".jpg", "each left frame in true color"),
-    "page/ranges": Product(
-        "page", ".js", "ranges, standard errors, confidence and mask for measurements"
-    ),
+PAGE_PRODUCTS = {f"{PAGE}/{name}": ".jpg" for name in ("thumbnails", "before", "after")} | {
+    f"{PAGE}/ranges": ".js"
 }
-"""What the page shows of a pair, made of its other products: read by the page alone."""
+"""What the page shows of a pair, made of its other products and read by the page alone: the suffix
+of each.
+"""
 
 DIVE_FILES: dict[str, str] = {
     RECTIFIED_RIG: "the calibration of the rectified images",
@@ -155,7 +145,7 @@ def original_path(product: str, left: Path) -> str:
 
 def page_path(product: str, name: str) -> str:
     """The path of a file that the page shows of a pair, relative to OUT."""
-    return f"{product}/{name}{PAGE_PRODUCTS[product].suffix}"
+    return f"{product}/{name}{PAGE_PRODUCTS[product]}"
 
 
 def state(root: Path, *parts: str) -> Path:

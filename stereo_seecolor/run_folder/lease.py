@@ -1,5 +1,5 @@
-"""Who writes into OUT, as a file that every machine sees which sees OUT: a lock of the system may
-not reach beyond one machine.
+"""The lock of a run's folder: of the system, and as a lease, a file that every machine sees which
+sees OUT: a lock of the system may not reach beyond one machine.
 
 The holder touches the file every few seconds. One that has not been touched for long is stale: its
 holder is named, and a person decides; only where the holder was a process of this machine that is
@@ -7,6 +7,7 @@ gone, nobody has to. Ages are taken from the file system's own clock, which the 
 """
 
 import contextlib
+import errno
 import getpass
 import json
 import os
@@ -17,11 +18,18 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from stereo_seecolor.compute.heartbeat import heartbeat
+from filelock import FileLock, Timeout
+
+from stereo_seecolor.compute.background import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.files.json_records import as_record, load_object
-from stereo_seecolor.run_folder.layout import lease_file
+from stereo_seecolor.run_folder.layout import LOCK, MANIFEST, lease_file, state
+
+WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
+"""What a file system without locks says, as some network file systems: the lease alone guards
+OUT there.
+"""
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,47 @@ class Holder:
 
     def __str__(self) -> str:
         return f"{self.user}@{self.host}, process {self.process}"
+
+
+@contextmanager
+def held(root: Path) -> Iterator[Holder]:
+    """Hold a run's folder, made where it is missing: no other run, of this machine or another,
+    writes into it meanwhile. What was made for it is removed where no manifest was left in it.
+
+    Raises OutputError if it cannot be written, or is held already.
+    """
+    lock, is_new, made = FileLock(state(root, LOCK), timeout=0), False, list[Path]()
+    try:
+        is_new = not state(root, LOCK).exists()
+        made = [folder for folder in (state(root), root, *root.parents) if not folder.exists()]
+        state(root).mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as error:
+        now = None
+        with contextlib.suppress(OSError):
+            now = Holder.load(root)
+        who = f" ({now})" if now else ""
+        raise OutputError(
+            f"{root}: another run writes into it now{who}: wait for it, or choose another --out"
+        ) from error
+    except OSError as error:
+        if error.errno not in WITHOUT_LOCKS:
+            raise OutputError(
+                f"{root}: cannot be written: {error.strerror or error}: choose another --out"
+            ) from error
+    try:
+        with hold_lease(root, lock.is_locked) as holder:
+            yield holder
+    finally:
+        unused = is_new and not state(root, MANIFEST).exists()
+        if unused:
+            with contextlib.suppress(OSError):  # while it is held: nobody else has taken the file
+                state(root, LOCK).unlink()
+        lock.release()
+        if unused:
+            for folder in made:
+                with contextlib.suppress(OSError):  # somebody put a file there
+                    folder.rmdir()
 
 
 @contextmanager

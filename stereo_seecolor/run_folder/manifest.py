@@ -10,12 +10,12 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, write_atomic
 from stereo_seecolor.files.json_records import as_record, load_object
-from stereo_seecolor.run_folder.layout import Stage, record_subfolder, state
+from stereo_seecolor.run_folder.layout import MANIFEST, Stage, record_subfolder, state
 from stereo_seecolor.run_folder.own_paths import (
     ForeignPathError,
     check_own_paths,
@@ -120,7 +120,7 @@ class Manifest:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._dive_file = state(root, "manifest.json")
+        self._dive_file = state(root, MANIFEST)
         self._frames = state(root, "frames")
 
     def exists(self) -> bool:
@@ -153,19 +153,17 @@ class Manifest:
             json.dumps({"format": FORMAT, "version": VERSION, **asdict(record)}).encode(),
         )
 
+    def forget_dive(self) -> None:
+        """Delete the record of the dive. Raises OSError."""
+        self._dive_file.unlink(missing_ok=True)
+
     def names(self) -> list[str]:
         """List the frames that have a record, sorted, without temporary files that a killed process
         left.
         """
         found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
-        return sorted(
-            {
-                path.stem
-                for paths in found
-                for path in paths
-                if not path.name.startswith(TEMPORARY_PREFIX)
-            }
-        )
+        files = (path for paths in found for path in paths)
+        return sorted({file.stem for file in files if not file.name.startswith(TEMPORARY_PREFIX)})
 
     def frame(self, name: str) -> FrameRecord | None:
         """Read the record of a frame; None where there is none, or it is damaged (its files are
@@ -175,18 +173,16 @@ class Manifest:
         """
         file = self._known_file(name)
         try:
-            record = _frame(load_object(file))
+            record = as_record(FrameRecord, load_object(file))
             if record.name != name:
                 raise ForeignPathError(f"it is of a frame {record.name!r}")
-            check_product_paths(
-                (
-                    *record.files,
-                    *(path for stage in record.stages.values() for path in stage.outputs.values()),
-                )
-            )
+            if record.subfolder and not record.subfolder.isdecimal():
+                raise ForeignPathError(f"its subfolder is {record.subfolder!r}")
+            outputs = (path for one in record.stages.values() for path in one.outputs.values())
+            check_product_paths((*record.files, *outputs))
         except ForeignPathError as error:
             raise _refused(file, error) from error
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, ValueError):
             return None
         return record
 
@@ -206,18 +202,12 @@ class Manifest:
 
     def _known_file(self, name: str) -> Path:
         flat = self._frame_file(name, "")
-        return (
-            flat
-            if flat.exists() or not (self._frames / SPREAD).is_dir()
-            else self._frame_file(name, SPREAD)
-        )
+        is_flat = flat.exists() or not (self._frames / SPREAD).is_dir()
+        return flat if is_flat else self._frame_file(name, SPREAD)
 
     def _frame_file(self, name: str, subfolder: str) -> Path:
-        return (
-            self._frames / SPREAD / record_subfolder(name) / f"{name}.json"
-            if subfolder
-            else self._frames / f"{name}.json"
-        )
+        folder = self._frames / SPREAD / record_subfolder(name) if subfolder else self._frames
+        return folder / f"{name}.json"
 
 
 def _refused(file: Path, error: ForeignPathError) -> OutputError:
@@ -225,32 +215,3 @@ def _refused(file: Path, error: ForeignPathError) -> OutputError:
         f"{file}: does not have the form that this program writes: {error}; nothing outside this "
         "folder was changed: choose another folder"
     )
-
-
-def _frame(content: dict[str, Any]) -> FrameRecord:
-    inputs = {
-        side: InputRecord(item["path"], Stamp(**item["stamp"]), item["sha256"])
-        for side, item in content["inputs"].items()
-    }
-    stages = {_stage(name): _stage_record(item) for name, item in content["stages"].items()}
-    files = {
-        path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content["files"].items()
-    }
-    subfolder = content.get("subfolder", content.get("shelf", ""))
-    if subfolder and not subfolder.isdecimal():
-        raise ForeignPathError(f"its subfolder is {subfolder!r}")
-    numbers = (value for stage in stages.values() for value in stage.facts.values())
-    if not all(isinstance(value, int | float) for value in (*numbers, content["timestamp_s"] or 0)):
-        raise ValueError("facts are numbers")
-    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, files, subfolder)
-
-
-def _stage_record(content: dict[str, Any]) -> StageRecord:
-    return StageRecord(**{**content, "warnings": tuple(content["warnings"])})
-
-
-def _stage(name: Any) -> Stage:
-    if name not in DEPENDS_ON:
-        raise ValueError(f"{name!r} is not a stage")
-    stage: Stage = name
-    return stage

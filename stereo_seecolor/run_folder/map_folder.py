@@ -11,7 +11,6 @@ from pathlib import Path
 from stereo_seecolor.files.atomic import files_below, flush_folder, output_errors
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
-from stereo_seecolor.run_folder.manifest import DiveRecord
 from stereo_seecolor.run_folder.stamp import Stamp
 
 BUILDING, OLD = "map_building", "map_old"
@@ -57,12 +56,10 @@ def _swap(folder: RunFolder, building: Path, made_from: str) -> None:
     building.rename(place)
     flush_folder(folder.root)
     _remove_old(folder)
-    folder.dive.update(_with_map(folder.dive.record, files, made_from))
-
-
-def _with_map(dive: DiveRecord, files: dict[str, tuple[Stamp, ...]], made_from: str) -> DiveRecord:
-    others = {path: stamps for path, stamps in dive.files.items() if not path.startswith(f"{MAP}/")}
-    return replace(dive, files={**others, **files}, made_from={**dive.made_from, MAP: made_from})
+    dive = folder.dive.record
+    others = {path: stamps for path, stamps in dive.files.items() if path not in both}
+    made = {**dive.made_from, MAP: made_from}
+    folder.dive.update(replace(dive, files={**others, **files}, made_from=made))
 
 
 def _recover(folder: RunFolder) -> None:

@@ -13,6 +13,7 @@ from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     INDEX,
+    MANIFEST,
     MAP,
     ORIGINAL,
     PAGE,
@@ -89,7 +90,7 @@ def refuse_own_place(*paths: Path) -> None:
         place = path.resolve()
         for root in place.parents:
             name = place.relative_to(root).parts[0]
-            if name in OWN_FOLDERS and state(root, "manifest.json").is_file():
+            if name in OWN_FOLDERS and state(root, MANIFEST).is_file():
                 raise OutputError(
                     f"{path}: is in {name} of the run {root}, which contains only files of the "
                     "program: choose another folder"

@@ -18,6 +18,7 @@ from stereo_seecolor.run_folder.layout import (
     INDEX,
     LEASE,
     LOCK,
+    MANIFEST,
     MAP,
     MEASURED_WATER,
     ORIGINAL,
@@ -32,6 +33,8 @@ from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links
 from stereo_seecolor.run_folder.replaced_results import refuse_inputs
 
+BEFORE_A_RUN = frozenset({LOCK, LEASE, PLAN})
+"""In the program's own folder before a first run."""
 NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 """What file managers leave in every folder that is opened; hidden files are ignored too."""
 
@@ -160,10 +163,15 @@ def _holds_results(manifest: Manifest) -> bool:
     return bool(manifest.names() or manifest.dive().files)
 
 
+def is_unused(root: Path) -> bool:
+    """Tell whether the program's own folder holds nothing but what a run begins with."""
+    return set(_names(state(root))) <= BEFORE_A_RUN | {MANIFEST}
+
+
 def refuse_used(root: Path) -> None:
     """Raise OutputError where a folder without a manifest holds anything."""
     entries = _names(root)
-    own = STATE if not set(_names(state(root))) - {LOCK, LEASE, PLAN} else None
+    own = STATE if not set(_names(state(root))) - BEFORE_A_RUN else None
     foreign = [
         name for name in entries if name != own and not _of_system(name) and not is_log(root / name)
     ]

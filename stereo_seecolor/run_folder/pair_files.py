@@ -3,6 +3,7 @@ its rectified images.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,10 @@ from stereo_seecolor.files.encode import (
     encode_confidence,
     encode_image,
     encode_map,
-    encode_mask,
     rounded,
 )
 from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.files.png import encode_codes
 from stereo_seecolor.records import Correction, Image, RangeMap
 from stereo_seecolor.run_folder.layout import original_path, product_path
 
@@ -39,17 +40,18 @@ at a time is in memory.
 
 The largest come first: the disk is waited for while the next are encoded.
 """
+Encoders = dict[str, Callable[[], bytes | memoryview]]
 
 
 def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
     """Give the files of a range map: OUT/range, OUT/range_std and OUT/confidence."""
     std_m = rounded(range_map.range_std_m) if config.preset == "lean" else range_map.range_std_m
-    contents: dict[str, Callable[[], bytes | memoryview]] = {
+    contents: Encoders = {
         "range": lambda: encode_map(range_map.range_m, config.deflated_maps),
         "range_std": lambda: encode_map(std_m, config.deflated_maps),
         "confidence": lambda: encode_confidence(range_map.confidence),
     }
-    return _files(name, contents, config)
+    return _files(contents, partial(product_path, name=name, image_format=config.image_format))
 
 
 def correction_files(
@@ -64,13 +66,13 @@ def correction_files(
     known, OUT/clouds. exif: the left image's, or b"".
     """
     pixels = correction.image if correction.linear is None else correction.linear
-    contents: dict[str, Callable[[], bytes | memoryview]] = {}
+    contents: Encoders = {}
     if config.with_clouds and geometry is not None:
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
     contents["corrected"] = lambda: encode_image(pixels, config.image_format, exif)
-    contents["mask"] = lambda: encode_mask(mask_codes(correction, range_map))
-    return _files(name, contents, config)
+    contents["mask"] = lambda: encode_codes(mask_codes(correction, range_map))
+    return _files(contents, partial(product_path, name=name, image_format=config.image_format))
 
 
 def original_files(left: Path, correction: Correction, range_map: RangeMap, exif: bytes) -> Files:
@@ -78,38 +80,27 @@ def original_files(left: Path, correction: Correction, range_map: RangeMap, exif
     that image's own format.
     """
     image_format = FORMAT_OF_SUFFIX[left.suffix.lower()]
-    contents: dict[str, Callable[[], bytes | memoryview]] = {
+    contents: Encoders = {
         "original/corrected": lambda: encode_image(correction.image, image_format, exif),
         "original/range": lambda: encode_map(range_map.range_m),
-        "original/mask": lambda: encode_mask(mask_codes(correction, range_map)),
+        "original/mask": lambda: encode_codes(mask_codes(correction, range_map)),
     }
-    return {
-        product: (original_path(product, left), _encoded(encode))
-        for product, encode in contents.items()
-    }
+    return _files(contents, partial(original_path, left=left))
 
 
-def rectified_files(name: str, left: Image, right: Image, config: OutputConfig) -> Files:
+def rectified_files(name: str, left: Image, right: Image) -> Files:
     """Give the rectified images of one pair, OUT/rectified_left and OUT/rectified_right, always
     PNG.
     """
-    return _files(
-        name,
-        {
-            "rectified_left": lambda: encode_image(left, "png"),
-            "rectified_right": lambda: encode_image(right, "png"),
-        },
-        config,
-    )
-
-
-def _files(
-    name: str, contents: dict[str, Callable[[], bytes | memoryview]], config: OutputConfig
-) -> Files:
-    return {
-        product: (product_path(product, name, config.image_format), _encoded(encode))
-        for product, encode in contents.items()
+    contents: Encoders = {
+        "rectified_left": lambda: encode_image(left, "png"),
+        "rectified_right": lambda: encode_image(right, "png"),
     }
+    return _files(contents, partial(product_path, name=name, image_format="png"))
+
+
+def _files(contents: Encoders, path_of: Callable[[str], str]) -> Files:
+    return {product: (path_of(product), _encoded(encode)) for product, encode in contents.items()}
 
 
 def _encoded(encode: Callable[[], bytes | memoryview]) -> Iterator[bytes | memoryview]:

@@ -1,6 +1,5 @@
 """The input of every export: corrected frames, the camera they share, and its pose for each."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -99,11 +98,6 @@ class PosedRun:
     def T_camera_map(self) -> NDArray[np.float64]:
         """The inverse of T_map_camera: (N, 4, 4)."""
         return inverse(self.T_map_camera)
-
-
-def join_numbers(numbers: Iterable[float], digits: int = 12) -> str:
-    """Numbers with that many significant digits, in a line."""
-    return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
 def _poses(path: Path) -> NDArray[np.float64]:

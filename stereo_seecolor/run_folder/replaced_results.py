@@ -122,12 +122,3 @@ def _places(given: Path) -> Iterator[Path]:
     if given.is_dir():
         with os.scandir(given) as entries:
             yield from (Path(entry.path).resolve() for entry in entries if entry.is_symlink())
-
-
-def table() -> str:
-    """The table of docs/output-folder.md; commands with the same rule share a row."""
-    commands: dict[str, list[str]] = {}
-    for command, rule in REPLACES.items():
-        commands.setdefault(rule.what, []).append(f"`{command}`")
-    rows = (f"| {', '.join(names)} | {what} |" for what, names in commands.items())
-    return "\n".join(["| command | may delete or replace |", "| --- | --- |", *rows, ""])

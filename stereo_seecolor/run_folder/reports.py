@@ -149,11 +149,9 @@ class FinalRows(Lazy[FrameRow]):
         row = self.table.row(name)
         if row is None:
             return FrameRow(name, "pending", error=NOT_REACHED)
-        return (
-            row
-            if row.status != "ok" or self.done.chosen[number]
-            else replace(row, status="pending", error=NOT_REACHED)
-        )
+        if row.status != "ok" or self.done.chosen[number]:
+            return row
+        return replace(row, status="pending", error=NOT_REACHED)
 
 
 def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:

@@ -7,12 +7,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from stereo_seecolor.files.atomic import write_replaceable
-from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frame_table import RunSummary
-from stereo_seecolor.run_folder.layout import (
-    progress_file,
-)
+from stereo_seecolor.run_folder.layout import progress_file
 
 EVERY_S = 2.0
 """Seconds between two writings: often enough for a person who looks on, and nothing beside the
@@ -62,79 +59,26 @@ class RunProgress:
     expected: ExpectedPasses
     failures: list[tuple[str, int, str]] = field(default_factory=list)
 
-    @property
-    def ends_s(self) -> float | None:
-        """The time at which the pass will end at its rate so far, seconds since 1970; None before
-        its first pair.
-        """
-        if not self.done:
-            return None
-        return self.began_s + (self.updated_s - self.began_s) * self.total / self.done
-
-    @property
-    def to_come(self) -> list[str]:
-        """The passes after this one."""
-        names = list(self.expected.seconds)
-        return names[names.index(self.stage) + 1 :] if self.stage in names else []
-
-    @property
-    def run_ends_s(self) -> float | None:
-        """The time at which the run will end, seconds since 1970, if the passes go on at the pace
-        so far relative to what was expected of them.
-
-        None where no pair was done that tells how fast it goes.
-        """
-        each, so_far = (
-            self.expected.seconds,
-            [*self.earlier, (self.stage, self.new, self.updated_s - self.began_s)],
-        )
-        timed = [
-            (new * each[name], seconds) for name, new, seconds in so_far if new and name in each
-        ]
-        expected_s = sum(seconds for seconds, _ in timed)
-        if self.stage not in each or not expected_s:
-            return None
-        pace = sum(seconds for _, seconds in timed) / expected_s
-        ends_s = self.ends_s or self.began_s + pace * each[self.stage] * self.total
-        return ends_s + pace * self.total * sum(each[name] for name in self.to_come)
-
-    @classmethod
-    def load(cls, root: Path) -> "RunProgress | None":
-        """Read the latest progress; None where there is none, or it is damaged."""
-        try:
-            return as_record(cls, load_object(progress_file(root)))
-        except (OSError, ValueError):
-            return None
-
 
 class ProgressFile:
-    """A listener that hears of every pair of a pass, and writes the progress every few seconds."""
+    """A listener that hears of every pair of a pass, and writes the progress every few seconds.
+    expected: the passes to come.
+    """
 
-    def __init__(self, root: Path) -> None:
-        self._root, self._expected = root, ExpectedPasses({})
+    def __init__(self, root: Path, expected: ExpectedPasses | None = None) -> None:
+        self._root, self._expected = root, expected or ExpectedPasses({})
         self._failed: list[FrameRow] = []
         self._earlier: list[tuple[str, int, float]] = []
         self._stage, self._total, self._done, self._new = "", 0, Counter[str](), 0
         self._began_s = self._written_s = 0.0
-
-    def expect(self, passes: ExpectedPasses) -> None:
-        """Set the passes to come, unless more are expected already."""
-        if not passes.seconds.keys() <= self._expected.seconds.keys():
-            self._expected = passes
 
     def begin(self, stage: str, total: int) -> None:
         """A pass over ``total`` pairs begins. Raises OutputError."""
         now_s = time.time()
         if self._stage:
             self._earlier.append((self._stage, self._new, now_s - self._began_s))
-        self._stage, self._total, self._failed, self._done, self._new = (
-            stage,
-            total,
-            [],
-            Counter(),
-            0,
-        )
-        self._began_s = now_s
+        self._stage, self._total, self._done, self._new = stage, total, Counter(), 0
+        self._failed, self._began_s = [], now_s
         self._write()
 
     def advance(self, row: FrameRow) -> None:

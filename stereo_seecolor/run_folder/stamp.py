@@ -4,8 +4,6 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.files.contained import find_contained
-
 DIGEST_BYTES = 16
 """Of SHA-256, which processors compute at 2 GB/s: 1 to 2 % of the time of a run (sample dive)."""
 
@@ -25,16 +23,7 @@ class Stamp:
 
     @classmethod
     def of(cls, path: Path) -> "Stamp":
-        """Compute the stamp of a file; of one in a bag: the bag's size and time, with a digest of
-        its name in there. Raises OSError.
-        """
-        if inner := find_contained(path):
-            status = inner.outer.stat()
-            return cls(
-                status.st_size,
-                status.st_mtime_ns,
-                hashlib.blake2b(inner.name.encode(), digest_size=DIGEST_BYTES).hexdigest(),
-            )
+        """Compute the stamp of a file. Raises OSError."""
         status = path.stat()
         return cls(status.st_size, status.st_mtime_ns, _digest(path))
 

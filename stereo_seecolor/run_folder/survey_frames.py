@@ -1,21 +1,15 @@
 """The frames of a finished run as a map reads them, one at a time."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map, SurveyFrame
-from stereo_seecolor.run_folder.finished_run import (
-    FinishedFrame,
-    FinishedRun,
-    geometry_of,
-)
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, geometry_of
 from stereo_seecolor.run_folder.pair_files import MASK_CODES
 
 
@@ -69,26 +63,19 @@ class SurveyFrames(Lazy[SurveyFrame]):
             raise FrameError(frame.name, str(error)) from error
 
     def _read(self, frame: FinishedFrame) -> SurveyFrame:
-        confidence = self._pixels(frame, "confidence")
-        range_m: Map = self._pixels(frame, "range")
+        confidence = frame.read("confidence")
+        range_m: Map = frame.read("range")
         range_m[confidence == 0] = np.nan
-        has_std = "range_std" in frame.products
+        if "range_std" in frame.products:
+            range_std_m: Map = frame.read("range_std")
+        else:
+            range_std_m = estimated_range_std_m(range_m, self.geometry)
         return SurveyFrame(
             name=frame.name,
             timestamp_s=frame.timestamp_s,
-            color=eight_bit(self._pixels(frame, "corrected")),
+            color=eight_bit(frame.read("corrected")),
             range_m=range_m,
-            range_std_m=self._pixels(frame, "range_std")
-            if has_std
-            else estimated_range_std_m(range_m, self.geometry),
+            range_std_m=range_std_m,
             confidence=confidence,
-            unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
+            unrecoverable=frame.read("mask") == MASK_CODES["color not recoverable"],
         )
-
-    def _pixels(self, frame: FinishedFrame, product: str) -> NDArray[Any]:
-        pixels = frame.read(product)
-        if pixels.shape[1::-1] != self.geometry.image_size:
-            raise InputError(
-                f"{frame.products[product]}: is missing or damaged: run again, which makes it again"
-            )
-        return pixels

@@ -1,6 +1,6 @@
 """Patches of the surface that share a view: each lies in the texture as it lies in that image."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +30,6 @@ class Charts:
     chart: NDArray[np.int64]
     pixel: NDArray[np.float64]
     correction: NDArray[np.float32]
-
-    def leveled(self, correction: NDArray[np.float32]) -> "Charts":
-        """Replace the correction."""
-        return replace(self, correction=correction)
 
 
 def build_charts(

@@ -73,20 +73,12 @@ def page_mesh(
     """Vertices of a page, with their places in it. triangles: of the surface. of_chart: the
     triangles of each chart.
     """
-    faces = (
-        np.concatenate([of_chart[chart] for chart in page.charts])
-        if len(page.charts)
-        else np.zeros(0, np.int64)
-    )
+    faces = np.concatenate([np.zeros(0, np.int64), *(of_chart[chart] for chart in page.charts)])
     nodes, inverse = np.unique(charts.node[faces], return_inverse=True)
     position = np.zeros(len(charts.view), np.int64)
     position[page.charts] = np.arange(len(page.charts))
     at = position[charts.chart[nodes]]
-    uv = (
-        (charts.pixel[nodes] + 0.5 - page.source[at, :2]) / page.step + page.place[at]
-        if len(nodes)
-        else np.zeros((0, 2))
-    )
+    uv = (charts.pixel[nodes] + 0.5 - page.source[at, :2]) / page.step + page.place[at]
     corners = np.array([[0.5, 0.5], [BLOCK_PX - 0.5, 0.5], [0.5, BLOCK_PX - 0.5]])
     blocks = (page.block[:, None] + corners).reshape(-1, 2)
     vertex = np.concatenate([charts.vertex[nodes], triangles[page.unseen].ravel()])

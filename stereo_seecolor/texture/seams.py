@@ -6,6 +6,8 @@ the edge; within a chart neighbors have nearly the same correction; and the colo
 those of the map's vertices, which all frames made.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +70,7 @@ def level(
     normal = normal.tocsr()
     right = seam.T @ (sure[:, None] * difference) + sure_of_map[:, None] ** 2 * to_map
     relax(normal.indptr, normal.indices, normal.data, np.asarray(right), to_map, SWEEPS)
-    return charts.leveled(to_map.astype(np.float32))
+    return replace(charts, correction=to_map.astype(np.float32))
 
 
 @compiled

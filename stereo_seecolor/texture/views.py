@@ -75,16 +75,12 @@ class Views:
     def reach_m(self, number: int) -> float:
         """The largest range that a frame measured; 0 without any, and if it is unreadable."""
         if number not in self._reaches_m:
-            self._reaches_m[number] = self._measured_reach_m(number)
+            try:
+                range_m = self.picture(number).range_m
+            except InputError as error:
+                self.unreadable[number], range_m = str(error), np.zeros(0, np.float32)
+            self._reaches_m[number] = float(np.fmax.reduce(range_m, axis=None, initial=0))
         return self._reaches_m[number]
-
-    def _measured_reach_m(self, number: int) -> float:
-        try:
-            range_m = self.picture(number).range_m
-        except InputError as error:
-            self.unreadable[number] = str(error)
-            return 0.0
-        return float(np.nanmax(range_m)) if np.isfinite(range_m).any() else 0.0
 
     def near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Iterator[int]:
         """The frames that may show something of a box."""

@@ -40,7 +40,7 @@ def _output(content: dict[str, Any], path: str) -> None:
     content["stages"]["range"]["outputs"]["range"] = path
 
 
-def _shelf(content: dict[str, Any], path: str) -> None:
+def _subfolder(content: dict[str, Any], path: str) -> None:
     content["subfolder"] = path or "x"
 
 
@@ -48,7 +48,7 @@ def _name(content: dict[str, Any], path: str) -> None:
     content["name"] = path
 
 
-IN_FRAME = (_file, _output, _shelf, _name)
+IN_FRAME = (_file, _output, _subfolder, _name)
 
 
 def changed(record: Path, change: Change, path: str) -> None:

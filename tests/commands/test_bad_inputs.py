@@ -181,6 +181,7 @@ def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
     )
     assert said.count("\n") == 1
     # the refused run wrote nothing, and its folder is free
+    assert not (tmp_path / "out").exists()
     assert cli(*dive.command(tmp_path / "out"))[0] == 0
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stereo_seecolor.files.numpy_files import load_array, load_arrays
-from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
+from stereo_seecolor.files.raw_arrays import load_array, load_arrays, read_arrays, write_arrays
 
 
 class Garbage:

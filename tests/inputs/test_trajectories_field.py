@@ -13,7 +13,7 @@ import pytest
 from test_trajectories import EAST_UP, NORTH_UP, write
 
 from stereo_seecolor.commands.inspect_poses import find_poses
-from stereo_seecolor.commands.inspect_unknown import unknown_files
+from stereo_seecolor.commands.inspect_problems import unknown_files
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
 from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds

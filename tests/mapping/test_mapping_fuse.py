@@ -52,7 +52,7 @@ from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_frames import ReadableFrames
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.lease import held
 
 MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)
 

@@ -301,7 +301,7 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
 
 def test_a_coarse_mesh_lies_on_the_fine_one() -> None:
     mesh = hills()
-    part = Numbered(mesh.points_m, mesh.colors, np.arange(3600), mesh.rim, mesh.triangles)
+    part = Numbered(mesh.points_m, mesh.colors, mesh.triangles, mesh.rim, np.arange(3600))
     coarse = cluster_vertices(part, 0.03, mesh.points_m.min(axis=0).astype(float))
     assert len(coarse.points_m) < 600
     x, y = coarse.points_m[:, 0] - 5, coarse.points_m[:, 1] + 3

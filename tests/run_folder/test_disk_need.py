@@ -11,7 +11,7 @@ from conftest import Cli, Dive
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder import disk_space
-from stereo_seecolor.run_folder.disk_space import DiskSpace, need_bytes
+from stereo_seecolor.run_folder.disk_space import check_disk, need_bytes
 
 PIXELS = 1280 * 1024
 
@@ -42,15 +42,15 @@ def test_a_disk_that_is_too_small_is_refused(
         OutputError,
         match=r"disk: 2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean",
     ):
-        DiskSpace.checked(tmp_path, 2000, 31e6)
+        check_disk(tmp_path, 2000, 31e6)
 
 
 def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     free(monkeypatch, 50e9)
-    room = DiskSpace.checked(tmp_path, 2000, 31e6)
-    assert room.is_low
-    assert room.line == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
-    assert not DiskSpace.checked(tmp_path, 1000, 31e6).is_low
+    line, is_low = check_disk(tmp_path, 2000, 31e6)
+    assert is_low
+    assert line == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
+    assert not check_disk(tmp_path, 1000, 31e6)[1]
 
 
 @pytest.mark.slow

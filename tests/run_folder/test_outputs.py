@@ -23,12 +23,11 @@ from stereo_seecolor.files.encode import (
     encode_confidence,
     encode_image,
     encode_map,
-    encode_mask,
     rounded,
 )
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
-from stereo_seecolor.files.png import _file, encode_png
+from stereo_seecolor.files.png import _file, encode_codes, encode_png
 from stereo_seecolor.files.png_decoding import quickly_decoded
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.frame_table import FrameTable, RunSummary
@@ -266,7 +265,7 @@ def test_own_pngs_are_read_as_opencv_reads_them() -> None:
     for content in (
         encode_image(noise, "png"),
         encode_image(np.repeat(noise[..., :1], 3, axis=2), "png"),
-        encode_mask(noise[..., 0] // 64),
+        encode_codes(noise[..., 0] // 64),
     ):
         found, expected = (
             quickly_decoded(content),

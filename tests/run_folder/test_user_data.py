@@ -21,11 +21,13 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS
-from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.lease import held
 from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.owned_files import OwnedFiles
+from stereo_seecolor.run_folder.ownership import FolderRequest, Owner
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 PRECIOUS = b"three years of field notes"
@@ -610,3 +612,27 @@ def test_a_users_file_in_the_map_is_refused(copy_run: CopyRun, tmp_path: Path) -
     with pytest.raises(OutputError, match=r"report\.docx: was not written by this program"):
         fuse(out, config=RunConfig())
     assert mine.read_bytes() == PRECIOUS
+
+
+def test_a_run_refused_before_it_wrote_leaves_nothing_that_it_made(tmp_path: Path) -> None:
+    def refuse(out: Path, written: str = "") -> None:
+        with pytest.raises(InputError), RunFolder(out, FolderRequest(Owner("stereo", {}))) as run:
+            assert (out / ".state/manifest.json").is_file()
+            if written:
+                run.dive.write(written, b"{}")
+            raise InputError("exchanged sides")
+
+    refuse(tmp_path / "new/out")
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "empty").mkdir()
+    refuse(tmp_path / "empty")
+    assert not any((tmp_path / "empty").iterdir())
+    plan = tmp_path / "planned/.state/plan.kept"
+    plan.parent.mkdir(parents=True)
+    plan.write_bytes(b"of the user")
+    refuse(tmp_path / "planned")
+    assert list(plan.parent.iterdir()) == [plan]
+    refuse(tmp_path / "written", "water.json")
+    assert (tmp_path / "written/.state/manifest.json").is_file()
+    refuse(tmp_path / "written")
+    assert (tmp_path / "written/water.json").is_file()

@@ -21,8 +21,9 @@ from stereo_seecolor.extras.synthetic import survey
 from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, build_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map
 from stereo_seecolor.files.ply import VERTEX
+from stereo_seecolor.files.png import encode_codes
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -119,7 +120,7 @@ def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
     }
     if np.isfinite(frame.range_std_m).any():  # else as of range maps given without it
         ranges["range_std"] = encode_map(frame.range_std_m)
-    colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
+    colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_codes(mask)}
     record = folder.frames.record(name, frame.timestamp_s, {}, (0, 1))
     for stage, record_of_stage, contents in (
         ("range", StageRecord("key", "range settings"), ranges),

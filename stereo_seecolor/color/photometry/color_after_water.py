@@ -18,7 +18,13 @@ from stereo_seecolor.color.photometry.color_trend import with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike
 from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
-from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, solve, window_of
+from stereo_seecolor.color.photometry.light_solver import (
+    Equations,
+    LightTerms,
+    Window,
+    solve,
+    window_of,
+)
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.counting import measure
@@ -80,8 +86,9 @@ def refit_color_after_water(
     made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
     prior = LightPrior.unknown(LEFT, alike(survey_light.crossed, len(windows)))
+    equations = Equations.of(made, colors, len(measured))
     solved = min(
-        (solve(made, colors, use, len(measured), prior) for use in USES),
+        (solve(equations, use, prior) for use in USES),
         key=lambda solution: solution.misfit,
     )
     return replace(

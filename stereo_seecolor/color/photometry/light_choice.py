@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.light_solver import (
+    Equations,
     LightTerms,
     Solution,
     Window,
@@ -111,19 +112,18 @@ def choose(
     (Breiman et al. 1984, "Classification and regression trees"). Shading, and gains of frames whose
     differences caustics explain, also need more evidence than the same terms without them, because
     patches left out lie under the same caustics as their neighbors in the fit.
-    values: as in ``solve``. candidates: the first has no terms. frames: number of frames.
+    values: as in ``Equations``. candidates: the first has no terms. frames: number of frames.
     """
-    (fit, fitted), (judge, judged) = (_part(windows, values, held) for held in (False, True))
+    judge, judged = _part(windows, values, held=True)
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
-    def left(candidate: Candidate) -> ViewDifferences:
-        return spread_left(
-            judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior)
-        )
+    @cache
+    def every() -> Equations:
+        return Equations.of(windows, values, frames)
 
     @cache
     def whole(candidate: Candidate) -> Solution:
-        return solve(windows, values, candidate.use, frames, candidate.prior)
+        return solve(every(), *candidate)
 
     def evident(candidate: Candidate) -> bool:
         use = candidate.use
@@ -132,14 +132,18 @@ def choose(
         without = use._replace(shading=False) if use.shading else use._replace(gains=False)
         return whole(candidate).misfit < whole(candidate._replace(use=without)).misfit
 
-    nothing, *others = candidates
-    before = left(nothing)
+    enough = judging >= SETTINGS.least_patches
+    nothing, *others = candidates if enough else candidates[:1]
+    fit = Equations.of(*_part(windows, values, held=False), frames)
+    before, *spreads = [
+        spread_left(judge, judged, solve(fit, *candidate)) for candidate in (nothing, *others)
+    ]
+    del fit  # those of all observations take twice the memory
     frames_differ = before.between_frames > SETTINGS.sure * before.by_chance * np.sqrt(
         nothing.prior.alike.views
     )
     chance = 1 + SETTINGS.robust_error * float(np.sqrt(nothing.prior.alike.views / max(judging, 1)))
-    enough = judging >= SETTINGS.least_patches
-    tried = [(candidate, left(candidate)) for candidate in others if enough]
+    tried = zip(others, spreads, strict=True)
     worth = [one for one in tried if _worth(one[1], before, chance) and evident(one[0])]
     most = chance * min((spread.between_views for _, spread in worth), default=0.0)
     good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [

@@ -12,7 +12,7 @@ hardly color.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +52,8 @@ class SolverSettings:
 
 
 SETTINGS = SolverSettings()
+COLUMNS, OWN = TERMS + 1, 1 + SHADING
+"""Unknowns that all frames share, terms and trend, and those of each frame, gain and shading."""
 
 
 class LightTerms(NamedTuple):
@@ -137,34 +139,67 @@ def window_of(
     return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
 
 
-def solve(
-    windows: Sequence[Window],
-    values: Sequence[Array],
-    use: LightTerms,
-    frames: int,
-    prior: LightPrior,
-) -> Solution:
-    """Solve the light by robust least squares.
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of windows with all terms: each set of terms uses some of their columns.
 
-    values: of each window, (N, Q) logarithms to explain: luminance or color. use: terms to solve.
-    frames: number of frames in all.
+    parts: of each window. frames: number of frames in all. products: of values and columns, with
+    equal weights: Q outputs, COLUMNS that all frames share, OWN of each frame. means: the same of
+    the means of patches, with powers of their range first. variance: of the mean light of a patch,
+    times the number of patches that count as one.
     """
-    columns = np.zeros(TERMS + 1, np.bool_)
+
+    parts: "Sequence[_WindowSums]"
+    frames: int
+    products: Array
+    means: Array
+    variance: float
+
+    @classmethod
+    def of(cls, windows: Sequence[Window], values: Sequence[Array], frames: int) -> "Equations":
+        """Make the equations. values: of each window, (N, Q) logarithms to explain."""
+        parts = [_WindowSums.of(*both) for both in zip(windows, values, strict=True)]
+        outputs, powers = values[0].shape[1], np.arange(REEF.range_degree + 1)
+        size = outputs + COLUMNS + frames * OWN
+        means, lights, cells = np.zeros((len(powers) + size,) * 2), [], []
+        for window, part in zip(windows, parts, strict=True):
+            mean = part.sums(part.seen)[0] / part.seen.sum(axis=0)[:, None]
+            log_range = mean[:, outputs + TERMS]
+            row = np.concatenate([log_range[:, None] ** powers, mean], axis=1)
+            at = np.concatenate([powers, len(powers) + part.at])
+            means[np.ix_(at, at)] += row.T @ row
+            lights.append(row[:, : len(powers) + outputs])
+            cells.append(_cells(window.terms[np.diff(window.patch, prepend=-1) > 0]))
+        products = _products(parts, [part.seen for part in parts], size)
+        return cls(parts, frames, products, means, _variance_of_mean(lights, cells, len(powers)))
+
+    @property
+    def outputs(self) -> int:
+        """Q: 1 for luminance, 3 for color."""
+        return len(self.products) - COLUMNS - self.frames * OWN
+
+
+def solve(equations: Equations, use: LightTerms, prior: LightPrior) -> Solution:
+    """Solve the light by robust least squares. use: terms to solve."""
+    columns = np.zeros(COLUMNS, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
-    of_frame = (1 + SHADING if use.shading else 1) if use.gains else 0
-    known, outputs = prior.of(columns, frames, of_frame), values[0].shape[1]
-    parts = [
-        _WindowSums.of(window, columns, of_frame, value)
-        for window, value in zip(windows, values, strict=True)
-    ]
-    reef = MeanReef.of(windows, parts, (len(known.mean), outputs), prior)
-    found, matrix, squares, variance = _robust_fit(parts, known, reef, prior, outputs)
+    of_frame = (OWN if use.shading else 1) if use.gains else 0
+    frames, outputs = equations.frames, equations.outputs
+    known = prior.of(columns, frames, of_frame)
+    of_frames = outputs + COLUMNS + np.arange(frames)[:, None] * OWN + np.arange(of_frame)
+    chosen = np.concatenate(
+        [np.arange(outputs), outputs + np.flatnonzero(columns), of_frames.ravel()]
+    )
+    parts = [part.using(columns, of_frame) for part in equations.parts]
+    reef = MeanReef.of(equations, chosen, prior)
+    products = equations.products[np.ix_(chosen, chosen)]
+    found, matrix, squares, variance = _robust_fit(parts, products, known, reef, prior)
     number = int(columns.sum())
-    coefficients = np.zeros((TERMS + 1, outputs))
+    coefficients = np.zeros((COLUMNS, outputs))
     coefficients[columns] = found[:number]
-    own = np.zeros((frames, 1 + SHADING, outputs))
+    own = np.zeros((frames, OWN, outputs))
     own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
-    independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike.views
+    independent = sum(part.seen.sum() - part.seen.shape[1] for part in parts) / prior.alike.views
     squares = outputs * (squares / variance + independent * np.log(variance))
     squares += reef.squares_left(found)
     evidence = matrix / variance + reef.precision
@@ -184,34 +219,44 @@ def solve(
 
 def _robust_fit(
     parts: "Sequence[_WindowSums]",
+    products: Array,
     known: Gaussian,
     reef: "MeanReef",
     prior: LightPrior,
-    outputs: int,
 ) -> tuple[Array, Array, float, float]:
     """Solve in rounds, each with Cauchy weights from the residuals of the one before.
 
+    products: with the equal weights of the first round.
     Returns the unknowns (n, Q), their normal equations (n, n) without the prior, the weighted sum
     of squares, and the variance of an observation times the number that count as one.
     """
-    weights = [np.ones(len(part.patch)) for part in parts]
-    variance, size = SETTINGS.first_prior, len(known.mean)
-    for _ in range(SETTINGS.rounds):
-        matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
-        for part, weight in zip(parts, weights, strict=True):
-            products, number = part.products(weight), len(part.at)
-            matrix[np.ix_(part.at, part.at)] += products[:, :number]
-            slope[part.at] += products[:, number:]
+    weights = [part.seen for part in parts]
+    variance, outputs = SETTINGS.first_prior, len(products) - len(known.mean)
+    precision = known.precision + reef.precision
+    for number in range(SETTINGS.rounds):
+        if number:
+            products = _products(parts, weights, len(products))
+        matrix, slope = products[outputs:, outputs:], products[outputs:, :outputs]
         right = slope + variance * ((known.precision @ known.mean)[:, None] + reef.right)
-        precision = known.precision + reef.precision
         found = np.asarray(np.linalg.solve(matrix + variance * precision, right), np.float64)
         residuals = [part.residuals(found, own) for part, own in zip(parts, weights, strict=True)]
-        every = np.concatenate(residuals)
+        both = list(zip(parts, residuals, strict=True))
+        every = np.concatenate([own[part.seen > 0] for part, own in both])
         scale = max(deviation_about_zero(every) if every.size else 0.0, SETTINGS.least_scale)
-        weights = [1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own in residuals]
+        weights = [
+            part.seen / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for part, own in both
+        ]
         variance = prior.alike.views * max(scale, prior.about.systematic) ** 2
     squares = [(weight * own**2).sum() for weight, own in zip(weights, residuals, strict=True)]
     return found, matrix, float(sum(squares)), variance
+
+
+def _products(parts: "Sequence[_WindowSums]", weights: Sequence[Array], size: int) -> Array:
+    """(size, size) sum of the products of all windows."""
+    total = np.zeros((size, size))
+    for part, weight in zip(parts, weights, strict=True):
+        total[np.ix_(part.at, part.at)] += part.products(weight)
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,36 +277,17 @@ class MeanReef:
     squares: Array
 
     @classmethod
-    def of(
-        cls,
-        windows: Sequence[Window],
-        parts: "Sequence[_WindowSums]",
-        size_of: tuple[int, int],
-        prior: LightPrior,
-    ) -> "MeanReef":
-        """Add up the equations of all windows. size_of: numbers of unknowns and of outputs."""
-        (unknowns, outputs), nuisance = size_of, REEF.range_degree + 1
-        size = nuisance + unknowns + outputs
-        sums, lights, cells = np.zeros((size, size)), [], []
-        for window, part in zip(windows, parts, strict=True):
-            count = part.sums(np.ones(len(part.patch)))
-            mean = part.sums(part.both) / count[:, None]
-            log_range = part.sums(window.trend[:, 0].astype(np.float64)) / count
-            powers = log_range[:, None] ** np.arange(nuisance)
-            row = np.concatenate([powers, mean], axis=1)
-            at = np.concatenate(
-                [np.arange(nuisance), nuisance + part.at, np.arange(size)[-outputs:]]
-            )
-            sums[np.ix_(at, at)] += row.T @ row
-            lights.append(np.concatenate([powers, mean[:, len(part.at) :]], axis=1))
-            cells.append(_cells(window.terms[part.first]))
-        variance = _variance_of_mean(lights, cells, nuisance) * prior.alike.windows
-        variance *= prior.about.mean_reef**2
+    def of(cls, equations: Equations, chosen: NDArray[np.int64], prior: LightPrior) -> "MeanReef":
+        """Make the equations of the unknowns in use. chosen: their numbers, after the outputs'."""
+        nuisance, outputs = REEF.range_degree + 1, equations.outputs
+        at = np.concatenate([np.arange(nuisance), nuisance + chosen])
+        sums = equations.means[np.ix_(at, at)]
         inner, cross = sums[:nuisance, :nuisance], sums[:nuisance, nuisance:]
         regular = 1e-9 * np.trace(inner) * np.eye(nuisance)
         rest = sums[nuisance:, nuisance:] - cross.T @ np.linalg.solve(inner + regular, cross)
+        variance = equations.variance * prior.alike.windows * prior.about.mean_reef**2
         rest /= max(variance, REEF.least_variance)
-        return cls(rest[:unknowns, :unknowns], rest[:unknowns, unknowns:], np.diag(rest)[unknowns:])
+        return cls(rest[outputs:, outputs:], rest[outputs:, :outputs], np.diag(rest)[:outputs])
 
     def squares_left(self, unknowns: Array) -> float:
         """Compute the remaining sum of squares with the (n, Q) unknowns, in variances."""
@@ -329,51 +355,76 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _WindowSums:
-    """both (N, n + Q): the n columns that are not 0 in a window, and the values. at (n,): numbers
-    of these columns. patch (N,): of each observation. first: of each patch.
+    """The equations of a window of F frames, each of which sees most of the P patches.
+
+    seen (F, P): 1 where a frame sees a patch, else 0, as everything else is there. both
+    (F, P, Q + C): the values, and the columns of unknowns that all frames share. own (F, P, K): the
+    columns of a frame's own unknowns. frames (F,): their numbers.
     """
 
+    seen: Array
     both: Array
-    at: NDArray[np.int64]
-    patch: NDArray[np.int64]
-    first: NDArray[np.int64]
+    own: Array
+    frames: NDArray[np.int64]
 
     @classmethod
-    def of(
-        cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array
-    ) -> "_WindowSums":
-        """The equations of a window. columns: terms in use. of_frame: unknowns of a frame."""
-        design = np.concatenate([window.terms, window.trend], axis=1)[:, columns]
-        seen_by, index = np.unique(window.frame, return_inverse=True)
-        every = np.arange(len(design))
-        terms = np.concatenate([np.ones((len(design), 1)), window.terms[:, :SHADING]], axis=1)
-        own = np.zeros((len(design), len(seen_by), of_frame))
-        own[every, index] = terms[:, :of_frame]
-        of_frames = design.shape[1] + seen_by[:, None] * of_frame + np.arange(of_frame)
-        at = np.concatenate([np.arange(design.shape[1]), of_frames.ravel()])
-        both = [design.astype(np.float64), own.reshape(len(design), -1), value]
-        first = np.flatnonzero(np.diff(window.patch, prepend=-1))
-        return cls(np.concatenate(both, axis=1), at, window.patch, first)
+    def of(cls, window: Window, value: Array) -> "_WindowSums":
+        """The equations of a window, with all terms. value: (N, Q)."""
+        frames, index = np.unique(window.frame, return_inverse=True)
+        columns = [np.ones_like(value[:, :1]), window.terms[:, :SHADING], value, window.terms]
+        rows = np.concatenate([*columns, window.trend], axis=1)
+        grid = np.zeros((len(frames), window.patch.max(initial=-1) + 1, rows.shape[1]))
+        grid[index, window.patch] = rows
+        both, own = grid[..., OWN:].copy(), grid[..., :OWN].copy()
+        return cls(own[..., 0], both, own, frames)
+
+    def using(self, columns: NDArray[np.bool_], of_frame: int) -> "_WindowSums":
+        """The same with some columns. of_frame: unknowns of a frame."""
+        used = np.ones(self.both.shape[2], np.bool_)
+        used[-len(columns) :] = columns
+        both = self.both if used.all() else np.compress(used, self.both, axis=2)
+        return replace(self, both=both, own=self.own[..., :of_frame])
+
+    @property
+    def at(self) -> NDArray[np.int64]:
+        """(Q + n,) numbers of the outputs and of the unknowns."""
+        shared, of_frame = self.both.shape[2], self.own.shape[2]
+        own = shared + self.frames[:, None] * of_frame + np.arange(of_frame)
+        return np.concatenate([np.arange(shared), own.ravel()])
 
     def residuals(self, unknowns: Array, weight: Array) -> Array:
-        """(N,) rms over outputs of differences from the patch's mean, the solution removed."""
-        number, squares = len(self.at), np.zeros(len(self.patch))
-        for output in range(unknowns.shape[1]):
-            left = self.both[:, number + output] - self.both[:, :number] @ unknowns[self.at, output]
-            left -= (self.sums(left * weight) / self.sums(weight))[self.patch]
-            squares += left**2
-        return np.asarray(np.sqrt(squares / unknowns.shape[1]))
+        """(F, P) rms over outputs of differences from the patch's mean, the solution removed."""
+        (frames, _, of_frame), outputs = self.own.shape, unknowns.shape[1]
+        every = np.concatenate([-np.eye(outputs), unknowns])[self.at]
+        shared, own = every[: self.both.shape[2]], every[self.both.shape[2] :]
+        left = self.both @ shared + self.own @ own.reshape(frames, of_frame, outputs)
+        left -= (weight[..., None] * left).sum(axis=0) / weight.sum(axis=0)[:, None]
+        return np.asarray(np.sqrt((left**2).mean(axis=2)))
+
+    def sums(self, root: Array) -> tuple[Array, Array, Array]:
+        """Sums over the observations of each patch, (P, Q + n) of values and columns, weighted.
+
+        root (F, P): square root of the weights. Also returns ``both`` and ``own`` times it.
+        """
+        both, own = root[..., None] * self.both, root[..., None] * self.own
+        sums = [np.einsum("fp,fpc->pc", root, both)]
+        sums += [each[:, None] * columns for each, columns in zip(root, own, strict=True)]
+        return np.concatenate(sums, axis=1), both, own
 
     def products(self, weight: Array) -> Array:
-        """(n, n + Q) normal equations of the columns less their means over a patch."""
-        number, weighted = len(self.at), weight[:, None] * self.both
-        sums = self.sums(weighted)
-        means = sums[:, :number] / self.sums(weight)[:, None]
-        return np.asarray(weighted[:, :number].T @ self.both - means.T @ sums)
-
-    def sums(self, values: Array) -> Array:
-        """Sums over the observations of each patch."""
-        return np.add.reduceat(values, self.first, axis=0) if len(values) else values
+        """(Q + n, Q + n) of values and columns less their means over a patch."""
+        (frames, _, of_frame), shared = self.own.shape, self.both.shape[2]
+        sums, both, own = self.sums(np.sqrt(weight))
+        sums /= np.sqrt(weight.sum(axis=0))[:, None]
+        found = -(sums.T @ sums)
+        rows = both.reshape(-1, shared)
+        found[:shared, :shared] += rows.T @ rows
+        cross = (own.swapaxes(1, 2) @ both).reshape(-1, shared)
+        found[shared:, :shared] += cross
+        found[:shared, shared:] += cross.T
+        at = shared + np.arange(frames * of_frame).reshape(frames, of_frame)
+        found[at[:, :, None], at[:, None, :]] += own.swapaxes(1, 2) @ own
+        return found
 
 
 def explained(window: Window, solution: Solution) -> Array:

@@ -171,15 +171,15 @@ class PhotometricView:
         measured_m = self.smooth_range_m[np.round(y).astype(int), np.round(x).astype(int)]
         with np.errstate(invalid="ignore"):
             seen = inside & (np.abs(measured_m - range_m) < SETTINGS.same_range * range_m)
+        near, range_m, x, y, half_px = (own[seen] for own in (near, range_m, x, y, half_px))
         corners = [
             self._sum_to(x + dx * half_px + 0.5, y + dy * half_px + 0.5)
             for dy in (-1, 1)
             for dx in (-1, 1)
         ]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
-        seen &= np.nan_to_num(mean[:, 3], nan=1.0) < SETTINGS.most_clipped
-        return near[seen], range_m[seen], mean[seen, :3], np.column_stack([x, y])[seen]
+        mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
+        clear = mean[:, 3] < SETTINGS.most_clipped
+        return near[clear], range_m[clear], mean[clear, :3], np.column_stack([x, y])[clear]
 
     def _sum_to(self, x: Vector, y: Vector) -> Vector:
         """(P, 4) sum over all pixels left of and above a point, fractions of pixels counted."""

@@ -12,10 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_choice import Candidate
-from stereo_seecolor.color.photometry.light_solver import (
-    Window,
-    solve,
-)
+from stereo_seecolor.color.photometry.light_solver import Equations, Window, solve
 
 Array = NDArray[np.float64]
 
@@ -40,7 +37,7 @@ def is_single_illumination(
     """Whether one light explains all windows about as well as one for each part that shares no
     spot.
 
-    values, frames: as in ``solve``. candidates: tested for all together, and for each part.
+    values, frames: as in ``Equations``. candidates: tested for all together, and for each part.
     """
     parts = _parts(windows, frames)
     if len(parts) == 1:
@@ -48,10 +45,8 @@ def is_single_illumination(
 
     def misfit(part: Sequence[int]) -> float:
         held, seen = [windows[number] for number in part], [values[number] for number in part]
-        return min(
-            solve(held, seen, candidate.use, frames, candidate.prior).misfit
-            for candidate in candidates
-        )
+        equations = Equations.of(held, seen, frames)
+        return min(solve(equations, *candidate).misfit for candidate in candidates)
 
     together = misfit(range(len(windows)))
     return together - sum(misfit(part) for part in parts) < SETTINGS.evidence * (len(parts) - 1)

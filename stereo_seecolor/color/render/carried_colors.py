@@ -128,17 +128,16 @@ def bounds_of(image: NDArray[Any], measured: Mask) -> Bounds | None:
         if encoded
         else SETTINGS.least_light
     )
-    seen = image[measured].astype(np.float32)
+    seen = image[measured].T.astype(np.float32, order="C")
     bounds = Bounds(np.full(3, np.inf, np.float32), np.zeros(3, np.float32))
     for c in range(3):
-        others = seen[:, _others(c)]
-        lit = (others > dark).all(axis=1)
-        if np.count_nonzero(lit) < SETTINGS.fewest:
+        a, b = _others(c)
+        own, *others = seen[:, np.minimum(seen[a], seen[b]) > dark][[c, a, b]]
+        if own.size < SETTINGS.fewest:
             return None
-        own, others = seen[lit, c], others[lit]
         # gray is always within the bounds
-        bounds.most[c] = max(np.quantile(own / others.max(axis=1), SETTINGS.quantile), 1.0)
+        bounds.most[c] = max(np.quantile(own / np.maximum(*others), SETTINGS.quantile), 1.0)
         if c in (RED, GREEN):
             shorter = 1 - SETTINGS.quantile if c == RED else SETTINGS.green
-            bounds.least[c] = min(np.quantile(own / others.min(axis=1), shorter), 1.0)
+            bounds.least[c] = min(np.quantile(own / np.minimum(*others), shorter), 1.0)
     return bounds

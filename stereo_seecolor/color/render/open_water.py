@@ -1,6 +1,7 @@
 """Finds pixels of open water that matching assigned to the reef next to them."""
 
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -66,6 +67,8 @@ def without_open_water(image: Image, range_m: Map, water: Water, seen: Mask | No
     full = np.float32(255 / np.iinfo(image.dtype).max)
     colors = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * full
     beside, mean, std = _water_beside(colors, area > 0, wide, water)
+    if not beside.any():
+        return range_m
     near = cv2.resize(beside, range_m.shape[::-1], interpolation=cv2.INTER_NEAREST)
     at = np.nonzero(near.view(bool) & known)
     cells = tuple(
@@ -95,8 +98,9 @@ def _water_beside(
         255 * (encode_srgb(veil) if water.input_encoding != "as-is" else veil)
         for veil in (np.minimum(factor * water.gamma_inf, 1.0) for factor in OPEN_WATER.bright)
     )
-    even = std.max(axis=2) <= OPEN_WATER.contrast * mean.max(axis=2)
-    found = even & ((mean >= darkest) & (mean <= brightest)).all(axis=2)
+    of_std, of_mean = (reduce(cv2.max, cv2.split(each)) for each in (std, mean))
+    even = of_std <= OPEN_WATER.contrast * of_mean  # of the largest channel
+    found = even & (cv2.inRange(mean, darkest, brightest) > 0)
     near = cv2.dilate(_large(area, found), np.ones((2 * reach + 1, 2 * reach + 1)))
     beside = np.asarray((near > 0) & found & (share[..., 0] > 0), np.uint8)
     return beside, np.asarray(mean, np.float32), np.asarray(std, np.float32)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.records import Image, is_monochrome
 
 Array = NDArray[np.float64]
@@ -84,13 +85,14 @@ def blocks_of(plane: Values, factor: np.float32) -> Blocks:
         Blocks that are neither clipped nor cut at zero, with values of 0 to 255.
     """
     sites = _native_sites(plane.astype(np.float32) * factor)
-    values = _cut(sites)
-    good = (values.max(axis=1) < BRIGHTEST) & (values.min(axis=1) > 0)
-    good &= values.mean(axis=1) > DARKEST
+    mean, values = _means(sites), _cut(sites)
+    # one axis after the other is eight times as fast as both at once
+    most, least = values.max(axis=1).max(axis=2), values.min(axis=1).min(axis=2)
+    good = (most < BRIGHTEST) & (least > 0) & (mean > DARKEST)
     return Blocks(
-        values.mean(axis=1)[good],
-        _cut(_filtered(sites, SECOND_DIFFERENCE)).var(axis=1)[good],
-        _cut(_filtered(sites, WIDE)).var(axis=1)[good],
+        mean[good],
+        _variances(sites, SECOND_DIFFERENCE)[good],
+        _variances(sites, WIDE)[good],
         float(factor * dark_value(plane)),
     )
 
@@ -117,25 +119,29 @@ def _native_sites(plane: Plane) -> Plane:
 
 
 def _least_noise(plane: Plane) -> float:
-    values, noise = _cut(plane), _cut(_filtered(plane, SECOND_DIFFERENCE)).var(axis=1)
-    mean = values.mean(axis=1)
+    mean, noise = _means(plane), _variances(plane, SECOND_DIFFERENCE)
     good = (mean > DARKEST) & (mean < BRIGHTEST)
     return float(np.quantile(noise[good], 0.05)) if good.any() else 0.0
 
 
-def _filtered(plane: Plane, kernel: NDArray[np.float32]) -> Plane:
-    return np.asarray(cv2.sepFilter2D(plane, cv2.CV_32F, kernel, kernel), np.float32)
+def _variances(plane: Plane, kernel: NDArray[np.float32]) -> Plane:
+    """Of each block of a filtered plane, whose means are near 0."""
+    filtered = cv2.sepFilter2D(plane, cv2.CV_32F, kernel, kernel)
+    return np.asarray(_means(filtered**2) - _means(filtered) ** 2)
 
 
-def _cut(plane: Plane) -> NDArray[np.float32]:
-    """(N, BLOCK_PX ** 2) the blocks of a plane."""
+def _means(plane: Plane) -> Plane:
+    """Of each block."""
+    rows, _, columns, _ = _cut(plane).shape
+    cut = plane[: rows * BLOCK_PX, : columns * BLOCK_PX]
+    return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA))
+
+
+def _cut(plane: Plane) -> Plane:
+    """The blocks of a plane: (rows, BLOCK_PX, columns, BLOCK_PX)."""
     rows, columns = (size // BLOCK_PX for size in plane.shape)
     cut = plane[: rows * BLOCK_PX, : columns * BLOCK_PX]
-    return (
-        cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX)
-        .transpose(0, 2, 1, 3)
-        .reshape(-1, BLOCK_PX * BLOCK_PX)
-    )
+    return cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX)
 
 
 def noise_curve(images: Sequence[Blocks], quantization: float) -> NoiseCurve | None:
@@ -181,14 +187,13 @@ def _rows(
 def blocks_by_channel(images: Sequence[Image]) -> list[list[Blocks]]:
     """Compute the blocks of each image, by channel; of one channel if all images are monochrome."""
     number = 1 if all(is_monochrome(image) for image in images) else 3
-    scale = [np.float32(255 / np.iinfo(image.dtype).max) for image in images]
-    return [
-        [
-            blocks_of(image[..., channel], factor)
-            for image, factor in zip(images, scale, strict=True)
-        ]
-        for channel in range(number)
-    ]
+
+    def of_channels(image: Image) -> list[Blocks]:
+        factor = np.float32(255 / np.iinfo(image.dtype).max)
+        return [blocks_of(image[..., channel], factor) for channel in range(number)]
+
+    of_images = list(Threads(cores()).each(of_channels, images))
+    return [[blocks[channel] for blocks in of_images] for channel in range(number)]
 
 
 def quantization_of(images: Sequence[Image]) -> float:

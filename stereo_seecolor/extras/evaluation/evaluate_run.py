@@ -9,7 +9,6 @@ from pathlib import Path
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.color.response.response import standard_config
-from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.other_results import OtherResults
@@ -20,6 +19,7 @@ from stereo_seecolor.extras.evaluation.truth import (
     evaluate_truth,
     true_frames,
 )
+from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
@@ -71,7 +71,11 @@ class _Compared(Lazy[ComparedFrame]):
     """The frames of a run before and after correction, each read when asked for."""
 
     def __init__(self, run: FinishedRun, others: OtherResults) -> None:
-        self._raw, self._frames, self._others = RawImages(run), SurveyFrames(run), others
+        self._files, self._frames, self._others = (
+            FrameFiles.rectifying(run),
+            SurveyFrames(run),
+            others,
+        )
         self.geometry = self._frames.geometry
 
     def __len__(self) -> int:
@@ -81,7 +85,7 @@ class _Compared(Lazy[ComparedFrame]):
         """Read one frame."""
         shown = self._frames[number]
         others = self._others.images(shown.name, shown.color.shape)
-        return ComparedFrame(self._raw.rectified(shown.name), shown, others)
+        return ComparedFrame(self._files.raw(self._frames.finished[number]), shown, others)
 
 
 def _refuse_missing(others: OtherResults, names: Sequence[str]) -> None:

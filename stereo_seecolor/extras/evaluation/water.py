@@ -13,7 +13,6 @@ from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.observations import KeyFrame, find_observations
 from stereo_seecolor.color.render.carried import carry_ranges
-from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
@@ -36,6 +35,7 @@ from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.records import Water
+from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MEASURED_WATER
@@ -127,7 +127,7 @@ def measure_white(
     frames = SurveyFrames(run)
     _check_places(targets, given or {}, frames.geometry.image_size, names)
     scene = _one_water(run, list(names))
-    search = _TargetSearch(names, frames, RawImages(run), scene, _light_of(run), given)
+    search = _TargetSearch(names, frames, FrameFiles.rectifying(run), scene, _light_of(run), given)
     seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
     kept = believed(seen, scene) if given is None else seen
     left_out = tuple(f"{one.frame}: {one.target}" for one in seen if one not in kept)
@@ -239,7 +239,7 @@ class _TargetSearch:
 
     names: tuple[str, ...]
     frames: SurveyFrames
-    raw: RawImages
+    files: FrameFiles
     water: Water
     light: Light | None
     targets: Targets | None
@@ -248,7 +248,8 @@ class _TargetSearch:
         name = self.names[number]
         if self.targets is not None and name not in self.targets:
             return []
-        image, range_m = self.raw.rectified(name), self.frames[number].range_m
+        image = self.files.raw(self.frames.finished[number])
+        range_m = self.frames[number].range_m
         found = targets_of(self.targets[name] if self.targets else [], image, range_m)
         if any(target.type is None for target in found):
             # a card or sand may be too even to be matched but at its border
@@ -282,7 +283,7 @@ class _KeyFrames(Lazy[KeyFrame]):
     """The placed frames of a run, uncorrected and rectified, each read when asked for."""
 
     def __init__(self, run: FinishedRun, frames: SurveyFrames, poses: NDArray[np.float64]) -> None:
-        self._raw, self._frames, self._poses = RawImages(run), frames, poses
+        self._files, self._frames, self._poses = FrameFiles.rectifying(run), frames, poses
         self._placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
 
     def __len__(self) -> int:
@@ -292,4 +293,5 @@ class _KeyFrames(Lazy[KeyFrame]):
         """Read one frame."""
         placed = int(self._placed[number])
         frame = self._frames[placed]
-        return KeyFrame(self._raw.rectified(frame.name), frame.range_m, self._poses[placed])
+        image = self._files.raw(self._frames.finished[placed])
+        return KeyFrame(image, frame.range_m, self._poses[placed])

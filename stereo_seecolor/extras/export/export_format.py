@@ -1,6 +1,6 @@
-"""The record that describes an export format."""
+"""The record that describes an export format, and numbers as formats of text hold them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,3 +20,8 @@ class ExportFormat:
     what: str
     opens: str
     write: Callable[[PosedRun, Path], str | None]
+
+
+def join_numbers(numbers: Iterable[float], digits: int = 12) -> str:
+    """Numbers with that many significant digits, in a line."""
+    return " ".join(f"{number:.{digits}g}" for number in numbers)

@@ -3,10 +3,10 @@
 import shutil
 from pathlib import Path
 
-from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.export_format import ExportFormat, join_numbers
 from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.run_folder.layout import CLOUD
-from stereo_seecolor.run_folder.posed_run import PosedRun, join_numbers
+from stereo_seecolor.run_folder.posed_run import PosedRun
 
 
 def write_kwiver(posed: PosedRun, folder: Path) -> None:

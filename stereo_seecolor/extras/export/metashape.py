@@ -3,9 +3,9 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.export_format import ExportFormat, join_numbers
 from stereo_seecolor.extras.export.images_of_8_bits import write_images
-from stereo_seecolor.run_folder.posed_run import PosedRun, join_numbers
+from stereo_seecolor.run_folder.posed_run import PosedRun
 
 LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.images_of_8_bits import write_images
-from stereo_seecolor.files.encode import encode_depth_mm
+from stereo_seecolor.files.png import encode_png
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import CLOUD
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -48,10 +48,12 @@ def write_nerfstudio(posed: PosedRun, folder: Path) -> None:
 
 
 def _write_depth(posed: PosedRun, frame: FinishedFrame, folder: Path) -> str:
+    """Depths as a 16-bit PNG, 0 where they are unknown or beyond 65.535 m."""
     name = f"{frame.name}.png"
-    (folder / name).write_bytes(
-        encode_depth_mm(posed.geometry.depth_from_range(posed.measured_range_m(frame)))
-    )
+    depth_m = posed.geometry.depth_from_range(posed.measured_range_m(frame))
+    depth = np.round(1 / METERS_PER_UNIT * np.nan_to_num(depth_m))
+    depth = np.where(depth <= np.iinfo(np.uint16).max, depth, 0).astype(np.uint16)
+    (folder / name).write_bytes(encode_png(depth))
     return name
 
 

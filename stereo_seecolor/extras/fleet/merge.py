@@ -2,6 +2,7 @@
 frames.csv.
 """
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from calibration.formats import load_rig, native
 from stereo_seecolor.checks.changes import LEFT_OUT
 from stereo_seecolor.commands.run import color, color_with
 from stereo_seecolor.commands.run_session import KIND, folder_request, run_session
-from stereo_seecolor.commands.stereo_inputs import Opened, named_inputs
+from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened, StereoInputs
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.passes import (
@@ -19,14 +20,18 @@ from stereo_seecolor.dive.passes import (
 )
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.fleet.shard_part import Part
+from stereo_seecolor.files.atomic import flush_file, output_errors, temporary_path
 from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.plugins import load
 from stereo_seecolor.records import Numbers, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frame_table import RunSummary
-from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state
-from stereo_seecolor.run_folder.shard_part import Part
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER, Stage, state, table_file
+from stereo_seecolor.run_folder.manifest import FrameRecord
+from stereo_seecolor.run_folder.stamp import Stamp
 from stereo_seecolor.run_folder.water_file import waters_content
 
 
@@ -55,7 +60,7 @@ def merge(
         raise InputError(f"{twice}: is given twice: give each part once")
     opened_parts = [Part.open(part) for part in parts]
     missing = _missing_shards(opened_parts, partial)
-    opened, inputs = _opened(opened_parts, missing), named_inputs(opened_parts[0].run.inputs)
+    opened, inputs = _opened(opened_parts, missing), _named_inputs(opened_parts[0].run.inputs)
     waters, pipeline = _waters(opened_parts), opened.pipeline
     read = [*inputs.paths, *(part.root / FRAMES_TABLE for part in opened_parts)]
     with RunFolder(
@@ -63,7 +68,7 @@ def merge(
     ) as folder:
         for part in opened_parts:
             for frame in part.frames():
-                folder.frames.adopt(part.root, frame)
+                _adopt(folder, part.root, frame)
         last: Stage = "range" if fit_only else "corrected"
         passes = ("ranges", "waters") if fit_only else ("ranges", "light", "waters", "colors")
         with (
@@ -83,6 +88,55 @@ def merge(
             else:
                 color_with(run, _of_pairs(run, waters))
         return run.summary
+
+
+def _named_inputs(names: Mapping[str, str]) -> DiveInputs:
+    """The inputs that the "inputs" of a run.json name."""
+    if "bag" in names:
+        inputs: DiveInputs = load("inputs", "bag").BagInputs(
+            Path(names["bag"]), names["calib"], names["topics"]
+        )
+        return inputs
+    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])
+
+
+def _adopt(folder: RunFolder, other: Path, frame: FrameRecord) -> None:
+    """Take a frame of another run's folder as one of this, its table included; its files get a
+    second name, or are copied.
+
+    What this folder holds of the frame already is kept if it is the same or more. Raises
+    OutputError.
+    """
+    known = folder.manifest.frame(frame.name)
+    if known and all(
+        folder.frames.finished(stage, frame.name, record.key)
+        for stage, record in frame.stages.items()
+    ):
+        return
+    folder.frames.discard(frame.name)
+    table = table_file(frame.name, frame.subfolder)
+    temporaries: dict[str, Path] = {}
+    for path in (*frame.files, table):
+        if (other / path).is_file():
+            with output_errors(folder.root / path):
+                temporaries[path] = _linked(other / path, folder.root / path)
+    folder.manifest.save_frame(frame)
+    stamps = (Stamp.of(other / table),) if table in temporaries else ()
+    folder.owned.move_into_place(temporaries, {**frame.files, table: stamps})
+
+
+def _linked(source: Path, path: Path) -> Path:
+    """A second name for a file, or a copy of it where the file system has none, beside ``path``.
+    Raises OSError.
+    """
+    temporary = temporary_path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        temporary.hardlink_to(source)
+    except OSError:
+        shutil.copy2(source, temporary)
+        flush_file(temporary)
+    return temporary
 
 
 def _of_pairs(run: DiveRun, waters: Mapping[str, Water]) -> Mapping[str, Water]:

@@ -10,13 +10,13 @@ from typing import Literal
 
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.extras.fleet.campaign_states import load_states
+from stereo_seecolor.extras.fleet.forecast import Forecast
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 from stereo_seecolor.run_folder.lease import writer
 from stereo_seecolor.run_folder.manifest import Manifest
-from stereo_seecolor.run_folder.run_progress import RunProgress
 
 State = Literal["running", "killed", "stopped", "complete", "no run"]
 Basis = Literal["", "the plan", "the usual times of the passes"]
@@ -74,7 +74,7 @@ def statuses(outs: Sequence[Path]) -> list[RunStatus]:
 
 def status(out: Path) -> RunStatus:
     """The status of the run in ``out``. Raises InputError if it holds none."""
-    now, progress = writer(out), RunProgress.load(out)
+    now, progress = writer(out), Forecast.load(out)
     if now:
         return (
             _pass_status(out, "running", progress, now)
@@ -92,7 +92,7 @@ def status(out: Path) -> RunStatus:
     return RunStatus(out, run.state, "", *counts, failures)
 
 
-def _pass_status(out: Path, state: State, progress: RunProgress, now: str) -> RunStatus:
+def _pass_status(out: Path, state: State, progress: Forecast, now: str) -> RunStatus:
     left = progress.total - progress.done
     counts = progress.done - progress.failed, progress.failed, left
     found = RunStatus(out, state, progress.stage, *counts, progress.failures, now)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick, PickedPoint
 from stereo_seecolor.extras.reef.polygons import inside, polygon_area
-from stereo_seecolor.report.measure_limits import LIMITS
 
 Array = NDArray[np.float64]
 

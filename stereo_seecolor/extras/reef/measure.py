@@ -23,6 +23,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     surface_area,
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
+from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
 from stereo_seecolor.extras.reef.polygons import crosses_itself
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
@@ -34,7 +35,6 @@ from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m
 from stereo_seecolor.report.kept_measures import KeptMeasures, read_kept_measures
 from stereo_seecolor.report.map_images import TerrainImages
-from stereo_seecolor.report.measure_limits import LIMITS
 from stereo_seecolor.report.range_code import std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.layout import MAP, TERRAIN

@@ -13,7 +13,7 @@ from stereo_seecolor.extras.reef.labelled_points import on_map, point_cover, rea
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, tables, write_tables
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.reef.site_surface import open_site
-from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
+from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.height_errors import height_stds
@@ -21,7 +21,6 @@ from stereo_seecolor.mapping.raster.structure import structure
 from stereo_seecolor.mapping.raster.terrain import known_area_m2
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m as typical_std_m
-from stereo_seecolor.report.terrain_errors import terrain_errors
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.measure_limits import LIMITS
 
 Array = NDArray[np.float64]
 STEP_PX = 8

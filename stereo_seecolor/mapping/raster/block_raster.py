@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import output_errors
-from stereo_seecolor.files.numpy_files import load_array
+from stereo_seecolor.files.raw_arrays import load_array
 from stereo_seecolor.mapping.raster.grid import Grid
 
 BLOCK_PX = 512

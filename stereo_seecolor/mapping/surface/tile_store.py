@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.files.atomic import atomic_path
-from stereo_seecolor.files.numpy_files import load_arrays
+from stereo_seecolor.files.raw_arrays import load_arrays
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.kept_frames import kept_folder
 from stereo_seecolor.mapping.surface.surface import Surface

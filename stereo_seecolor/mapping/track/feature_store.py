@@ -14,7 +14,7 @@ import numpy as np
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.files.numpy_files import load_arrays
+from stereo_seecolor.files.raw_arrays import load_arrays
 from stereo_seecolor.mapping.kept_frames import kept_folder
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.features import FEATURE_SETTINGS, Features

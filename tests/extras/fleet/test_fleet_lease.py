@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.run_folder import lease, lock
+from stereo_seecolor.run_folder import lease
 from stereo_seecolor.run_folder.lease import Holder, LeaseTimes, check_lease, hold_lease, writer
 
 
@@ -112,12 +112,12 @@ def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(
     tmp_path: Path, monkeypatch
 ) -> None:
     def no_locks(self) -> None:
-        raise OSError(lock.errno.ENOLCK, "No locks available")
+        raise OSError(lease.errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(lock.FileLock, "_acquire", no_locks)
+    monkeypatch.setattr(lease.FileLock, "_acquire", no_locks)
     with (
-        lock.held(tmp_path),
+        lease.held(tmp_path),
         pytest.raises(OutputError, match="another run writes"),
-        lock.held(tmp_path),
+        lease.held(tmp_path),
     ):
         pass

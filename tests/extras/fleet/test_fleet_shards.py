@@ -18,12 +18,13 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.fleet.campaign_states import DiveState, save_states
+from stereo_seecolor.extras.fleet.forecast import Forecast
 from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.extras.fleet.plan import plan
 from stereo_seecolor.extras.fleet.status import status
 from stereo_seecolor.extras.fleet.texts import status_text
 from stereo_seecolor.run_folder import run_progress
-from stereo_seecolor.run_folder.run_progress import ExpectedPasses, RunProgress
+from stereo_seecolor.run_folder.run_progress import ExpectedPasses
 
 
 @pytest.mark.parametrize(("items", "of"), [(10, 3), (2, 5), (0, 2), (100, 7)])
@@ -192,20 +193,18 @@ def test_a_merge_that_stops_at_the_water_expects_no_correction(make_dive, tmp_pa
 
 def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> None:
     expected = ExpectedPasses({"ranges": 2.0, "light": 1.0, "colors": 3.0}, planned=True)
-    ranges = RunProgress(
-        "ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected
-    )  # as fast as expected
+    ranges = Forecast("ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected)  # as fast as expected
     assert ranges.ends_s == 1200
     assert ranges.run_ends_s == 1200 + 100 * (1 + 3)
     # by two workers
-    light = RunProgress("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)
+    light = Forecast("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)
     assert light.ends_s is None
     assert light.run_ends_s == 1000 + 100 * (1 + 3) / 2
     # nothing tells how fast it goes
-    kept = RunProgress("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)
+    kept = Forecast("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)
     assert kept.run_ends_s is None
     assert kept.to_come == ["light", "colors"]
-    tiles = RunProgress("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], ExpectedPasses({}))
+    tiles = Forecast("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], ExpectedPasses({}))
     assert (tiles.ends_s, tiles.run_ends_s) == (1020, None)
 
 

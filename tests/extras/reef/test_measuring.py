@@ -28,6 +28,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
+from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.mapping.raster.height_errors import (
     HOLE_CELLS,
@@ -36,7 +37,6 @@ from stereo_seecolor.mapping.raster.height_errors import (
     PLACE_CELLS,
 )
 from stereo_seecolor.mapping.raster.noise import spread_of
-from stereo_seecolor.report.measure_limits import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
-from stereo_seecolor.compute.process import core_seconds, peak_bytes
+from stereo_seecolor.compute.process import peak_bytes
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError
 from stereo_seecolor.extras.fleet.cluster.batches import named
@@ -104,7 +104,7 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
         pickle.dumps(results),
         seconds,
         f"{platform.node()}:{os.getpid()}",
-        core_seconds(),
+        time.process_time(),
         peak_bytes(),
     )
 

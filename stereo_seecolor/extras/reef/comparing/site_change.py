@@ -20,10 +20,9 @@ from stereo_seecolor.extras.reef.comparing.difference import Difference, differe
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, register
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh
-from stereo_seecolor.extras.reef.terrain_of_mesh import terrain_of
+from stereo_seecolor.extras.reef.terrain_of_mesh import terrain_errors, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
-from stereo_seecolor.report.terrain_errors import terrain_errors
 
 LEAST_OVERLAP_CELLS = 2000
 """Errors are learned from stable ground: of fewer cells they are not known."""

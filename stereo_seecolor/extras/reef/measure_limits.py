@@ -27,8 +27,6 @@ class MeasureLimits:
     # by less than two of this many variances, and 99.96 % by less than five
     of_squares: float = 5 / 4
     click_std_px: float = 0.5  # how well a person hits a point
-    # of a length, relative, where nothing else is known: what docs/calibration.md calls good
-    calibration_std: float = 0.005
     least_step_px: int = 8  # along a line: windows that overlap little
     # a step along the surface is longer than its noise, which would lengthen it
     step_stds: float = 6.0

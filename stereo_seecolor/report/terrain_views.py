@@ -1,11 +1,8 @@
-"""Standard errors of a fused terrain, cell by cell, from the standard errors of the ranges and the
-number of views.
+"""What frames see of a fused terrain, cell by cell, with the standard errors of their ranges.
 
 Each frame's measured ranges are compared with the terrain along its own rays. A range error dr
 moves the surface over a cell by dz = dr (r_z - p r_x - q r_y), r the ray and p, q the slopes.
-Independent views weigh 1 / variance; where they differ by more than their standard errors say, the
-mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40). At rims all views are wrong alike,
-which height_stds of mapping/raster/height_errors.py adds.
+Independent views weigh 1 / variance.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +14,6 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
@@ -36,35 +32,6 @@ class ErrorSettings:
 
 
 SETTINGS = ErrorSettings()
-
-
-def terrain_errors(
-    posed: PosedRun, terrain: Terrain, T_terrain_map: Array | None = None
-) -> TerrainErrors:
-    """The standard errors of the terrain of a run. T_terrain_map: (4, 4), where the terrain is not
-    in the map's own coordinates.
-
-    Raises InputError if the run, or a frame of the map, cannot be read.
-    """
-    T = np.eye(4) if T_terrain_map is None else T_terrain_map
-    shape = terrain.grid.shape
-    weight, square, mean = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    views, footprints_m = np.zeros(shape, np.int32), list[float]()
-    heights = terrain.height_m
-    for view in views_of(posed, posed.survey, terrain.grid, lambda window: heights[window], T):
-        weight[view.window] += view.weight
-        mean[view.window] += view.weight * view.off_m
-        square[view.window] += view.weight * view.off_m**2
-        views[view.window] += view.seen
-        if view.seen.any():
-            footprints_m.append(view.footprint_m)
-    known = views > 0
-    spread = np.maximum(square - mean**2 / np.where(known, weight, 1), 0)
-    birge = np.maximum(spread / np.maximum(views - 1, 1), 1)
-    noise_m = noise_of(weight, terrain.known)
-    return TerrainErrors(
-        noise_m * np.sqrt(birge), noise_m, views, correlation_of(footprints_m, terrain.grid)
-    )
 
 
 def noise_of(weight: Array, known: NDArray[np.bool_]) -> Array:
@@ -179,10 +146,6 @@ def _window(
         return None
     points = transform_points(T, geometry.rays[::step, ::step][known] * range_m[known, None])
     margin_m = step * float(range_m[known].max()) / geometry.focal_px
-    return _covered(grid, points, margin_m)
-
-
-def _covered(grid: Grid, points: Array, margin_m: float) -> tuple[slice, slice] | None:
     pixels, margin = grid.pixels(points), margin_m / grid.cell_m
     low = np.maximum(np.floor(pixels.min(axis=0) - margin).astype(int), 0)
     high = np.minimum(np.ceil(pixels.max(axis=0) + margin).astype(int) + 1, grid.shape[::-1])
