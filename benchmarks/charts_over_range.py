@@ -9,11 +9,8 @@ as of a picture that was made to please. Printed: by how much a patch differs be
 the real frame, which is printed first.
 """
 
-import argparse
-import os
-from pathlib import Path
-
 import numpy as np
+from arguments import add_data, parser_of
 from color_cases import make_truth
 
 from stereo_seecolor.color.corrector import Corrector
@@ -73,13 +70,9 @@ def both(image: np.ndarray, range_m: np.ndarray, charts: list[Target]) -> tuple[
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument(
-        "--data", type=Path, default=Path(os.environ.get("STEREO_SEECOLOR_DATA", "."))
-    )
+    add_data(parser)
     asked = parser.parse_args()
     image = read_image(asked.data / "seathru/3374.png")
     range_m = read_range_map(asked.data / "seathru/3374_range.tiff")

@@ -21,6 +21,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from arguments import parser_of, sides
 from compare import REPOSITORY, SAMPLE, machine
 
 SHOWN = 40
@@ -29,9 +30,7 @@ SHOWN = 40
 
 def main() -> None:
     """Print the ratio and the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--record", type=Path, help=argparse.SUPPRESS)  # in the process it starts
     arguments = parser.parse_args()
@@ -72,9 +71,7 @@ def processor_s(folder: Path, kept: str, *script: str) -> float:
 
 def run_words(out: Path) -> list[str]:
     """The command, as in the README."""
-    sides = [word for side in ("left", "right") for word in (f"--{side}", str(SAMPLE / side))]
-    calibration = ["--calib", str(SAMPLE / "cam.yaml")]
-    return ["run", *sides, *calibration, "--out", str(out), "--fuse"]
+    return ["run", *sides(SAMPLE), "--out", str(out), "--fuse"]
 
 
 def record(out: Path) -> None:

@@ -8,7 +8,6 @@ Seeds below 100 were looked at while the method was made; those from 100 on were
 
 import argparse
 import itertools
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +15,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import add_data
 from color_cases import Case, make_case
+from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.response.measure import measure_response
@@ -27,7 +28,7 @@ from stereo_seecolor.extras.evaluation.charts.targets import neutral, read_targe
 from stereo_seecolor.extras.evaluation.measures import score_neutral, score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import Water
+from stereo_seecolor.records import Map, Water
 
 Result = np.ndarray
 Method = Callable[[Case], Result]
@@ -152,21 +153,21 @@ def reef_cases(
         )
 
 
-def picture_cases(data: Path) -> Iterator[Case]:
-    """Two pictures with their geometry (Middlebury's teddy, OpenCV's aloe) through three waters, at
-    and below the surface.
-    """
-    from stereo_seecolor.extras.synthetic.waters import lit_water
-
-    rng = np.random.default_rng(100)
-    for name, disparity, picture in (
-        ("teddy", "disparity_x4.pgm", "left.png"),
-        ("aloe", "disparity.png", "left.png"),
-    ):
+def pictures(data: Path) -> Iterator[tuple[str, NDArray[np.float64], Map]]:
+    """Two pictures with their geometry: Middlebury's teddy, OpenCV's aloe. Name, light, range."""
+    for name, disparity in (("teddy", "disparity_x4.pgm"), ("aloe", "disparity.png")):
         values = cv2.imread(str(data / name / disparity), cv2.IMREAD_GRAYSCALE).astype(np.float64)
         nearest = np.quantile(values[values > 5], 0.98)
         range_m = np.where(values > 5, nearest / np.maximum(values, 1), np.nan).astype(np.float32)
-        truth = decode_srgb(cv2.imread(str(data / name / picture))[..., ::-1] / 255.0)
+        yield name, decode_srgb(cv2.imread(str(data / name / "left.png"))[..., ::-1] / 255), range_m
+
+
+def picture_cases(data: Path) -> Iterator[Case]:
+    """The pictures through three waters, at and below the surface."""
+    from stereo_seecolor.extras.synthetic.waters import lit_water
+
+    rng = np.random.default_rng(100)
+    for name, truth, range_m in pictures(data):
         for water_name, depth_m in itertools.product(WATERS, (0.01, 4.0, 9.0)):
             water = lit_water(water_name, depth_m, max(depth_m - 1, 0.0), 1.5).water
             light = truth * water.white * water.attenuation(range_m) + water.backscatter(range_m)
@@ -281,12 +282,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--reef-seed", type=int, default=100)
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")),
-        help="of real frames: tests/DATA.md",
-    )
+    add_data(parser)
     parser.add_argument("--methods", help="only methods whose name holds this")
     asked = parser.parse_args()
     start = time.perf_counter()

@@ -8,9 +8,7 @@ are replaced there, too. A part that fails is named,
 and the rest goes on.
 """
 
-import argparse
 import itertools
-import os
 import sys
 import tempfile
 import traceback
@@ -19,6 +17,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import add_data, parser_of
 from benthic_scenes import GROUPS, SPLIT, prior_without
 from benthic_scenes import drawn as benthic_scene
 from color_cases import Case, make_case
@@ -400,17 +399,10 @@ def key(line: str) -> tuple[str, ...]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--write", action="store_true", help="write them into the page")
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path(os.environ.get("STEREO_SEECOLOR_DATA", "no data")),
-        help="of real frames: tests/DATA.md",
-    )
+    add_data(parser, "no data")
     asked = parser.parse_args()
     if unknown := set(asked.parts) - set(PARTS):
         parser.error(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")

@@ -17,7 +17,6 @@ fuse-poses, oblique (a map from cameras tilted by 55 degrees), cold (``run`` whe
 compiled yet), help. Dives: the sample dive, and 20 synthesized pairs of 1280x1024.
 """
 
-import argparse
 import os
 import platform
 import shutil
@@ -29,6 +28,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from arguments import parser_of, sides
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 SAMPLE = REPOSITORY / "data_samples" / "reef"
 LARGE_PAIRS, LARGE_SIZE = 20, "1280x1024"
@@ -36,7 +37,7 @@ OBLIQUE = """
 from pathlib import Path
 from stereo_seecolor.extras.synthetic import dive
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-dive.synthesize(SurveySpec(pairs=8, lines=1, tilt_deg=55.0), Path({out!r}), lambda *_: None)
+dive.synthesize(SurveySpec(pairs=8, lines=1, tilt_deg=55.0), Path({out!r}))
 """
 MEASURES = ("color", "match", "run", "rerun", "fuse", "fuse-poses", "oblique", "cold", "help")
 ALLOWED_RATIO = 1.1
@@ -114,7 +115,7 @@ class Bench:
         if name == "help":
             return self.tree.command("--help")
         if name == "rerun":
-            return self.tree.command("run", *self._sides(), "--out", self._finished())
+            return self.tree.command("run", *sides(self.dive), "--out", self._finished())
         if name.startswith("fuse") or name == "oblique":
             shutil.copytree(self._finished(), out)
             poses = ["--poses", self.dive / "trajectory.tum"] if name == "fuse-poses" else []
@@ -123,32 +124,22 @@ class Bench:
             return self.tree.command("correct", *self._rectified(), "--out", out)
         if name == "cold":
             with tempfile.TemporaryDirectory() as empty:
-                return self.tree.command("run", *self._sides(), "--out", out, cache=Path(empty))
+                return self.tree.command("run", *sides(self.dive), "--out", out, cache=Path(empty))
         return self.tree.command(
-            "range" if name == "match" else "run", *self._sides(), "--out", out
+            "range" if name == "match" else "run", *sides(self.dive), "--out", out
         )
-
-    def _sides(self) -> list[object]:
-        return [
-            "--left",
-            self.dive / "left",
-            "--right",
-            self.dive / "right",
-            "--calib",
-            self.dive / "cam.yaml",
-        ]
 
     def _finished(self) -> Path:
         """A finished run, made where it is missing."""
         out = self.work / "finished"
         if not out.is_dir():
-            self.tree.command("run", *self._sides(), "--out", out)
+            self.tree.command("run", *sides(self.dive), "--out", out)
         return out
 
     def _rectified(self) -> list[object]:
         out = self.work / "rectified"
         if not out.is_dir():
-            self.tree.command("rectify", *self._sides(), "--out", out)
+            self.tree.command("rectify", *sides(self.dive), "--out", out)
         return ["--images", out / "rectified_left", "--range", self._finished() / "range"]
 
 
@@ -230,9 +221,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("base", metavar="REV", help="revision or checkout to compare with")
     parser.add_argument("--new", default=str(REPOSITORY), help="checkout to judge")
     parser.add_argument("--same-environment", action="store_true")

@@ -10,7 +10,6 @@ wherever the pixels are. Pixels go to the device and back for each batch, as in 
 frame.
 """
 
-import argparse
 import statistics
 import time
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from functools import partial
 import color_speed
 import numpy as np
 import torch
+from arguments import parser_of
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.device import find_device
@@ -40,9 +40,7 @@ def batches_a_second(work: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 1024))
     parser.add_argument("--batches", type=int, nargs="+", default=(1, 4, 16))
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")

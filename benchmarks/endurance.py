@@ -19,6 +19,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from arguments import sides
 from throughput import make_dive
 
 PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
@@ -26,15 +27,8 @@ PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
 
 def command(dive: Path, out: Path) -> list[str]:
     program = str(Path(sys.executable).parent / "stereo-seecolor")
-    sides = [
-        "--left",
-        str(dive / "left"),
-        "--right",
-        str(dive / "right"),
-        "--calib",
-        str(dive / "rendered/cam.yaml"),
-    ]
-    return [program, "run", *sides, "--out", str(out), "--set", "color.lock=survey"]
+    given = sides(dive, dive / "rendered/cam.yaml")
+    return [program, "run", *given, "--out", str(out), "--set", "color.lock=survey"]
 
 
 def contents(out: Path) -> dict[str, bytes]:

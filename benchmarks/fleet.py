@@ -1,31 +1,32 @@
 """Runs on a cluster of this machine: kills while they work, and what a batch costs beside its work.
 
-python benchmarks/fleet.py kills # same bytes as threads, after kills of workers, clients and
-schedulers python benchmarks/fleet.py batches --number 2000 # processor time of client and scheduler
-a batch, and their memory python benchmarks/fleet.py million --folder OUT # a million pairs on 200
-workers, simulated; OUT: a run with tables python benchmarks/fleet.py client --number 1000000 #
-memory of the client through all passes; 20 minutes, /proc of Linux python benchmarks/fleet.py
-scheduler --number 1000000 # memory of a scheduler with 200 real workers; 15 minutes, free port
-18786 python benchmarks/fleet.py growth # docs/images/fleet_growth.svg
+python benchmarks/fleet.py WHAT, one of:
+
+kills: same bytes as threads, after kills of workers, clients and schedulers
+batches --number 2000: processor time of client and scheduler a batch, and their memory
+million --folder OUT: a million pairs on 200 workers, simulated; OUT: a run with tables
+client --number 1000000: memory of the client through all passes; 20 minutes, /proc of Linux
+scheduler --number 1000000: memory of a scheduler with 200 workers; 15 minutes, free port 18786
+growth: docs/images/fleet_growth.svg
 """
 
-import argparse
 import tempfile
 import time
 from pathlib import Path
 
 import psutil
+from arguments import parser_of
 from fleet_client import client
 from fleet_kills import Harm, kills
 from fleet_million import growth, million
 from fleet_scheduler import measure_scheduler
 
-from stereo_seecolor.extras.fleet.cluster import worker
+from stereo_seecolor.extras.fleet.cluster import batches
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 
 def overhead(number: int) -> None:
-    worker.SETTINGS = worker.BatchSettings(most=1)
+    batches.SETTINGS = batches.BatchSettings(most=1)
     with cluster("local:2") as compute:
         list(compute.each(abs, range(20)))
         start_s, begun = time.process_time(), time.monotonic()
@@ -39,9 +40,7 @@ def overhead(number: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument(
         "what", choices=("kills", "batches", "million", "growth", "client", "scheduler")
     )

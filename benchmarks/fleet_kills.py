@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
+from arguments import sides
 
 PROGRAM = (sys.executable, "-m", "stereo_seecolor")
 MAP = ("mapping.voxel_m=0.02", "mapping.tile_m=0.75", "mapping.mosaic_m=0.02", "mapping.dem_m=0.02")
@@ -119,32 +120,19 @@ def alive(process: psutil.Process) -> bool:
     return False
 
 
+def scheduler_words(port: int) -> list[str]:
+    options = f"--host 127.0.0.1 --port {port} --no-dashboard --no-show"
+    return [sys.executable, "-m", "distributed.cli.dask_scheduler", *options.split()]
+
+
 @contextmanager
 def scheduler(port: int, workers: int) -> Iterator[subprocess.Popen[bytes]]:
     """A scheduler and its workers as an administrator starts them."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    words = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        str(port),
-        "--no-dashboard",
-    ]
-    head = subprocess.Popen(words, **quiet)  # type: ignore[call-overload]
-    words = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_worker",
-        f"tcp://127.0.0.1:{port}",
-        "--nthreads",
-        "1",
-        "--no-nanny",
-        "--no-dashboard",
-    ]
-    hands = [subprocess.Popen([*words, "--death-timeout", "60"], **quiet) for _ in range(workers)]  # type: ignore[call-overload]
+    head = subprocess.Popen(scheduler_words(port), **quiet)  # type: ignore[call-overload]
+    options = f"tcp://127.0.0.1:{port} --nthreads 1 --no-nanny --no-dashboard --death-timeout 60"
+    words = [sys.executable, "-m", "distributed.cli.dask_worker", *options.split()]
+    hands = [subprocess.Popen(words, **quiet) for _ in range(workers)]  # type: ignore[call-overload]
     try:
         yield head
     finally:
@@ -172,34 +160,14 @@ def on_own_scheduler(command: list[str], harm: Harm) -> None:
 def kills(folder: Path, pairs: int, harm: Harm) -> None:
     dive = folder / "dive"
     if not dive.exists():
-        words = [
-            *PROGRAM,
-            "synthesize",
-            "--pairs",
-            str(pairs),
-            "--size",
-            "320x256",
-            "--out",
-            str(dive),
-            "--progress",
-            "none",
-        ]
+        options = f"--pairs {pairs} --size 320x256 --progress none".split()
+        words = [*PROGRAM, "synthesize", *options, "--out", str(dive)]
         subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-    given = [
-        "--left",
-        dive / "left",
-        "--right",
-        dive / "right",
-        "--calib",
-        dive / "cam.yaml",
-        "--fuse",
-        "--progress",
-        "none",
-    ]
+    given = [*sides(dive), "--fuse", "--progress", "none"]
     settings = [word for setting in MAP for word in ("--set", setting)]
 
     def command(out: Path) -> list[str]:
-        return [*PROGRAM, "run", *map(str, given), *settings, "--out", str(out)]
+        return [*PROGRAM, "run", *given, *settings, "--out", str(out)]
 
     # kept where it was made before
     subprocess.run(command(folder / "threads"), check=True, stdout=subprocess.DEVNULL)

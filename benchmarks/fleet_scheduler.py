@@ -12,7 +12,6 @@ import logging
 import multiprocessing
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,8 +21,9 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 
 import psutil
+from fleet_kills import scheduler_words
 
-from stereo_seecolor.extras.fleet.cluster import worker
+from stereo_seecolor.extras.fleet.cluster import batches
 from stereo_seecolor.extras.fleet.cluster.connect import cluster
 from stereo_seecolor.inputs.pairing import Pair
 
@@ -124,19 +124,9 @@ class Pairs:
 def measure_scheduler(pairs: int, workers: int) -> None:
     """All passes, and what the scheduler took."""
     address = f"tcp://127.0.0.1:{PORT}"
-    command = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        str(PORT),
-        "--no-show",
-    ]
     with (
         TemporaryDirectory() as folder,
-        subprocess.Popen(command, stderr=subprocess.DEVNULL) as scheduler,
+        subprocess.Popen(scheduler_words(PORT), stderr=subprocess.DEVNULL) as scheduler,
     ):
         context = multiprocessing.get_context("spawn")
         up = context.Event()
@@ -151,14 +141,14 @@ def measure_scheduler(pairs: int, workers: int) -> None:
             )
             for one in PASSES:
                 used_s, begun_s, number = sum(process.cpu_times()[:2]), time.monotonic(), 0
-                worker.SETTINGS = worker.BatchSettings(
+                batches.SETTINGS = batches.BatchSettings(
                     most=max(PAIRS_A_BATCH // one.pairs_an_item, 1)
                 )
                 with cluster(address) as compute:
                     for _ in compute.each(one.answer, Pairs(pairs, one.pairs_an_item)):
                         number += 1
                 used_s = sum(process.cpu_times()[:2]) - used_s
-                count = number // worker.SETTINGS.most
+                count = number // batches.SETTINGS.most
                 took = (
                     f"{time.monotonic() - begun_s:.0f} s, {1000 * used_s / max(count, 1):.1f} "
                     "ms of the scheduler a batch"

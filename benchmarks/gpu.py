@@ -10,7 +10,6 @@ where there is no GPU: then nothing is measured. --device cpu runs the same code
 processor, which says nothing about time.
 """
 
-import argparse
 import statistics
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from arguments import parser_of
 from compare import machine
 
 from stereo_seecolor.color.corrector import Corrector
@@ -29,7 +29,7 @@ from stereo_seecolor.device import memory_on, sgm
 from stereo_seecolor.device.color import DeviceCorrector
 from stereo_seecolor.device.matching import DeviceMatcher
 from stereo_seecolor.device.rectify import Rectifier
-from stereo_seecolor.extras.synthetic import dive
+from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.matching.matcher import Matcher
@@ -43,9 +43,7 @@ MOST_PX, MOST_OTHERWISE_KNOWN, MOST_VALUES = 0.1, 1e-4, 1
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(1936, 1240))
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cuda")
@@ -57,7 +55,7 @@ def main() -> None:
     right = search_is_equal(torch.device(options.device))
     with tempfile.TemporaryDirectory() as folder:
         spec = SurveySpec(pairs=1, lines=1, image_size=tuple(options.size))
-        dive.synthesize(spec, Path(folder), lambda *_: None)
+        synthesize(spec, Path(folder))
         right &= stages(Path(folder), options.device, options.rounds)
     sys.exit(not right)
 

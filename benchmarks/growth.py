@@ -9,7 +9,6 @@ number of disparities that are looked through. Each measurement is a process of 
 workers: processor seconds (user and system) and peak resident memory.
 """
 
-import argparse
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -19,6 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
+from arguments import parser_of, sides
 from compare import REPOSITORY, execute, machine
 
 PAIRS = (10, 30, 100, 300, 1000, 2000)
@@ -111,11 +111,6 @@ def measured(dive: Path, rig: Path, grows: float) -> Point:
     return Point(grows, timing.processor_s, timing.peak_mib)
 
 
-def sides(dive: Path, rig: Path) -> tuple[object, ...]:
-    """The inputs of a run."""
-    return ("--left", dive / "left", "--right", dive / "right", "--calib", rig)
-
-
 def draw(pairs: list[Point], sizes: list[Point], picture: Path) -> None:
     """Both growths, seconds on the left and memory on the right."""
     import matplotlib.pyplot as plt
@@ -136,9 +131,7 @@ def draw(pairs: list[Point], sizes: list[Point], picture: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--pairs", type=int, nargs="+", default=PAIRS)
     parser.add_argument("--scales", type=int, nargs="+", default=SCALES)
     parser.add_argument("--picture", type=Path, help="SVG or PNG to write")

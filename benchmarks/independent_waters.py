@@ -7,17 +7,16 @@ Scenes: those of color_cases.py, and photographs with their geometry. Waters: sy
 """
 
 import argparse
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
+from arguments import add_data
 from color_cases import Case, make_range, make_truth
-from color_quality import METHODS_COMPARED, score, true_water
+from color_quality import METHODS_COMPARED, pictures, score, true_water
 
 from stereo_seecolor.extras.synthetic.measured_waters import Kind, draw_contents, draw_water
-from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.files.srgb import encode_srgb
 
 KINDS: tuple[Kind, ...] = ("ocean", "coast", "harbor")
 
@@ -74,11 +73,7 @@ def drawn(kind: Kind, first: int, number: int) -> Iterator[Case]:
 
 
 def photographs(data: Path, kind: Kind, number: int) -> Iterator[Case]:
-    for name, disparity in (("teddy", "disparity_x4.pgm"), ("aloe", "disparity.png")):
-        values = cv2.imread(str(data / name / disparity), cv2.IMREAD_GRAYSCALE).astype(np.float64)
-        nearest = np.quantile(values[values > 5], 0.98)
-        range_m = np.where(values > 5, nearest / np.maximum(values, 1), np.nan).astype(np.float32)
-        truth = decode_srgb(cv2.imread(str(data / name / "left.png"))[..., ::-1] / 255.0)
+    for name, truth, range_m in pictures(data):
         for seed in range(number):
             yield seen(name, truth, range_m * 2, kind, np.random.default_rng([78, seed]))
 
@@ -87,12 +82,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path(os.environ.get("STEREO_SEECOLOR_DATA", ".")),
-        help="of real frames: tests/DATA.md",
-    )
+    add_data(parser)
     parser.add_argument("--methods", default="", help="only methods whose name holds this")
     asked = parser.parse_args()
     methods = {

@@ -13,7 +13,6 @@ and until all is loaded, memory of the page's script and of the processes that d
 processor time of a picture of a moving view; of the whole map, near, and after flights over it.
 """
 
-import argparse
 import json
 import math
 import os
@@ -28,6 +27,7 @@ from urllib.parse import unquote, urlsplit
 
 import cv2
 import numpy as np
+from arguments import parser_of
 from playwright.sync_api import Page, sync_playwright
 
 from stereo_seecolor.report.frame_blocks import blocks_of
@@ -381,9 +381,7 @@ def main(out: Path, folder: Path, frames: int, written: int) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=2400)

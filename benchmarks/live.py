@@ -20,6 +20,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from arguments import parser_of
 
 RENDERED = 8
 START_NS = 1_700_000_000_000_000_000
@@ -96,9 +97,7 @@ def play(dive: Path, bag: Path, keep: str, budget_ms: float) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 1024))
     parser.add_argument("--rates", type=float, nargs="+", default=(4, 5, 15), help="pairs a second")
     parser.add_argument("--pairs", type=int, default=100)

@@ -11,7 +11,6 @@ written. Prints processor seconds (user and system) for each pair, peak memory, 
 the error of the track, after alignment to the true one by a rotation and a shift, without a scale.
 """
 
-import argparse
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
+from arguments import parser_of, sides
 from compare import REPOSITORY, execute, machine
 from numpy.typing import NDArray
 
@@ -146,9 +146,7 @@ def track_error_mm(out: Path, pairs: int) -> tuple[int, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--pairs", type=int, nargs="+", default=[600, 1200, 2400])
     parser.add_argument("--keep", type=Path, help="folder in which dives and results stay")
     options = parser.parse_args()
@@ -164,9 +162,11 @@ def main() -> None:
             shutil.rmtree(dive, ignore_errors=True)
             first_pairs(whole, dive, pairs)
             timing = execute(
-                REPOSITORY, "run", "--left", dive / "left", "--right", dive / "right",
-                "--calib", whole / "cam.yaml", "--out", out, "--fuse", "--workers", 2,
-            )  # fmt: skip
+                REPOSITORY,
+                "run",
+                *sides(dive, whole / "cam.yaml"),
+                *("--out", out, "--fuse", "--workers", 2),
+            )
             placed, error_mm = track_error_mm(out, pairs)
             print(
                 f"| {pairs} | {timing.processor_s / pairs:.3f} | {timing.peak_mib:.0f} "

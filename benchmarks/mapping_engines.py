@@ -23,6 +23,7 @@ from typing import Any
 import cv2
 import numpy as np
 import rasterio
+from arguments import parser_of
 from mapping_quality import Survey
 from numpy.typing import NDArray
 
@@ -49,9 +50,7 @@ Rows = dict[str, float]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument(
         "folder", type=Path, metavar="FOLDER", help="where dives are drawn and maps are written"
     )

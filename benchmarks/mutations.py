@@ -8,7 +8,6 @@ survives, where its old text is not found once in its file, or where its tests f
 they tell nothing.
 """
 
-import argparse
 import os
 import re
 import shutil
@@ -17,6 +16,8 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
+
+from arguments import parser_of
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "node_modules", ".*_cache", "__pycache__", "out")
@@ -230,9 +231,7 @@ def outcome(copy: Path, each: Break, every: bool) -> str:
 
 def main() -> int:
     """Print the table; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--all", action="store_true", help="run the whole suite for each break")
     parser.add_argument("--only", default="", help="breaks whose description holds this word")
     arguments = parser.parse_args()

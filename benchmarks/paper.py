@@ -9,8 +9,6 @@ Time: milliseconds of the processor, median, on one thread, on drawn frames; the
 NVIDIA RTX A6000.
 """
 
-import argparse
-import os
 import statistics
 import time
 from collections.abc import Callable
@@ -18,6 +16,7 @@ from pathlib import Path
 
 import color_speed
 import torch
+from arguments import add_data, parser_of
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting.paper import Training
@@ -99,12 +98,8 @@ def times() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--data", type=Path, default=Path(os.environ.get("STEREO_SEECOLOR_DATA", "data"))
-    )
+    parser = parser_of(__doc__)
+    add_data(parser, "data")
     data = parser.parse_args().data
     torch.set_num_threads(1)
     limit_cores(1)

@@ -10,7 +10,6 @@ on the sample dive. Processor seconds and peak memory are those of the whole pro
 included. --write puts the tables into docs/performance.md.
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import parser_of, sides
 from compare import REPOSITORY, SAMPLE, machine
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
@@ -87,9 +87,7 @@ class Used:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument(
         "--env",
         type=Path,
@@ -265,8 +263,16 @@ def track_table(work: Path, python: Path, missing: dict[str, str]) -> list[str]:
         )
 
     out = work / "out"
-    sides = ["--left", SAMPLE / "left", "--right", SAMPLE / "right", "--calib", SAMPLE / "cam.yaml"]
-    command = [sys.executable, "-m", "stereo_seecolor", "run", *sides, "--fuse", "--out", out]
+    command = [
+        sys.executable,
+        "-m",
+        "stereo_seecolor",
+        "run",
+        *sides(SAMPLE),
+        "--fuse",
+        "--out",
+        out,
+    ]
     timed(command, work / "first.log")  # compiles what is not yet compiled
     shutil.rmtree(out, ignore_errors=True)
     used = timed(command, work / "run.log")

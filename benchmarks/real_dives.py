@@ -8,7 +8,6 @@ DATA: a folder with ``acfr`` (a reef dive: left/, right/, stereo_calib.mat, pose
 numbers only.
 """
 
-import argparse
 import csv
 import os
 import platform
@@ -23,6 +22,7 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
+from arguments import parser_of, sides
 from compare import execute
 
 from calibration import CalibrationError, Rectification
@@ -70,15 +70,8 @@ class Dive:
         return self.work / "acfr"
 
     def words(self, out: Path, *more: object) -> list[object]:
-        sides = [
-            "--left",
-            self.data / "left",
-            "--right",
-            self.data / "right",
-            "--calib",
-            self.data / "stereo_calib.mat",
-        ]
-        return ["run", *sides, "--out", out, *more]
+        given = sides(self.data, self.data / "stereo_calib.mat")
+        return ["run", *given, "--out", out, *more]
 
 
 def the_dive(dive: Dive) -> Iterator[Row]:
@@ -345,9 +338,7 @@ def page(data: Path, work: Path) -> str:
 
 def main() -> None:
     """Measure all, and write the page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--out", type=Path, default=TREE / "docs" / "lab" / "real-dives.md")
     parser.add_argument("--work", type=Path)

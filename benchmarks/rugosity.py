@@ -11,7 +11,6 @@ smoothed over 3. Reefs 4 and 8 of seed 100 were at hand when the settings of
 ruggedness were; those of another seed judge. FOLDER keeps the maps.
 """
 
-import argparse
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -21,6 +20,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from arguments import parser_of
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
@@ -216,9 +216,7 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("reefs", type=int, nargs="*", default=list(range(len(STEEPNESS))))
     parser.add_argument("--cells-mm", type=float, nargs="+", default=[1000 * m for m in CELLS_M])

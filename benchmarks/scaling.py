@@ -14,7 +14,6 @@ random times of the measured means. Taken as fast enough: disks, memory, and han
 stays as it is.
 """
 
-import argparse
 import ctypes
 import sys
 import tempfile
@@ -27,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from arguments import parser_of
 from compare import machine
 from growth import sides
 
@@ -268,9 +268,7 @@ def report(parts: list[Part]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("dive", type=Path)
     parser.add_argument("--long", type=int, default=2000)
     options = parser.parse_args()

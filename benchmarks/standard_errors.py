@@ -42,11 +42,11 @@ from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, open_site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
+from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.extras.synthetic.synthesize import synthesize
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.height_errors import height_stds

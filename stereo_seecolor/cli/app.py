@@ -4,7 +4,7 @@ import contextlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from inspect import Parameter, Signature, cleandoc, signature
+from inspect import Parameter, Signature, signature
 from typing import Annotated, Any, get_type_hints
 
 import typer
@@ -159,17 +159,9 @@ def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
             given[key] = group(name, **own) if issubclass(group, Report) else group(**own)
         command(**given)
 
-    run.__doc__, run.__annotations__ = (
-        _paragraphs(command.__doc__ or ""),
-        {one.name: one.annotation for one in options},
-    )
+    run.__annotations__ = {one.name: one.annotation for one in options}
     run.__dict__["__signature__"] = Signature(options)
     return run
-
-
-def _paragraphs(text: str) -> str:
-    """Each paragraph on one line: the terminal's width alone breaks it."""
-    return "\n\n".join(" ".join(part.split()) for part in cleandoc(text).split("\n\n"))
 
 
 def version_option(

@@ -1,6 +1,4 @@
-"""Commands over the pairs of a dive: run, correct, range, rectify; and on a finished run: fuse,
-report, view.
-"""
+"""Commands over the pairs of a dive: run, correct, range, rectify."""
 
 from collections.abc import Callable
 from contextlib import ExitStack

@@ -30,7 +30,7 @@ from stereo_seecolor.commands.doctor import CORE, EXTRAS
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.errors import PluginError
-from stereo_seecolor.extras.export.installed_formats import export_formats
+from stereo_seecolor.extras.export.command import export_formats
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs.opened_paths import container_of

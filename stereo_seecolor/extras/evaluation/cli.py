@@ -1,16 +1,13 @@
 """Commands that measure the quality of a run, and its water parameters: evaluate, water."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import LoggedReport
-
-if TYPE_CHECKING:
-    pass
 from stereo_seecolor.extras.evaluation.score_texts import (
     charts_text,
     spread_text,

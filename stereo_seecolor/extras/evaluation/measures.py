@@ -109,9 +109,7 @@ def score_truth(
         angle_after_gains_deg=float(
             np.nanmean(angle_deg(known * channel_gains(known, true), true))
         ),
-        ciede2000=float(
-            np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(true_light)))
-        ),
+        ciede2000=float(np.median(color_differences(exposed, true_light))),
         range_consistency=consistency,
         clipped_fraction=float(clipped(known).mean()),
         pixels=int(lit.sum()),
@@ -172,6 +170,11 @@ def lab_from_linear(linear: Pixels) -> NDArray[np.float64]:
         3, *np.shape(linear)[:-1]
     )
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def color_differences(light: Pixels, truth: Pixels) -> NDArray[np.float64]:
+    """CIEDE2000 between linear colors (..., 3), shape (...)."""
+    return ciede2000(lab_from_linear(light), lab_from_linear(truth))
 
 
 def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:

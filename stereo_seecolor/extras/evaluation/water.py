@@ -105,11 +105,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
     observations = find_observations(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_observations(observations, scene.input_encoding), scene, observations)
-    with RunFolder.existing(out, "water", trajectory_files(poses)) as folder:
-        folder.dive.write(
-            MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
-        )
-    return MeasuredWater(out / MEASURED_WATER, water)
+    return MeasuredWater(_written(out, water, trajectory_files(poses)), water)
 
 
 def measure_white(
@@ -149,12 +145,8 @@ def measure_white(
     matrix = camera_matrix([chart for chart in charts if chart])
     if isinstance(matrix, CameraMatrix):
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
-    with RunFolder.existing(out, "water", (targets,) if targets else ()) as folder:
-        folder.dive.write(
-            MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
-        )
     return MeasuredWater(
-        path=out / MEASURED_WATER,
+        path=_written(out, water, (targets,) if targets else ()),
         water=water,
         charts=tuple(
             _reading(*of, water) for of in zip(found.seen, found.residuals_deg, charts, strict=True)
@@ -164,6 +156,14 @@ def measure_white(
         no_matrix="" if isinstance(matrix, CameraMatrix) else matrix,
         left_out=left_out,
     )
+
+
+def _written(out: Path, water: Water, inputs: Sequence[Path]) -> Path:
+    with RunFolder.existing(out, "water", inputs) as folder:
+        folder.dive.write(
+            MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range")
+        )
+    return out / MEASURED_WATER
 
 
 def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:

@@ -34,7 +34,7 @@ def export(
     others.
     """
     from stereo_seecolor.extras.export.command import export as write
-    from stereo_seecolor.extras.export.installed_formats import export_formats
+    from stereo_seecolor.extras.export.command import export_formats
 
     if listed:
         known = export_formats()

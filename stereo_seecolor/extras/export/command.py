@@ -58,6 +58,13 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
     )
 
 
+def export_formats() -> dict[str, ExportFormat]:
+    """The export formats of all installed packages, by name. Raises PluginError for a package that
+    cannot be loaded.
+    """
+    return {name: load("exports", name, ExportFormat) for name in added("exports")}
+
+
 def _instead(name: str) -> str:
     """What to take for a program of that name; all formats, where it is none."""
     program, found = name.lower(), []

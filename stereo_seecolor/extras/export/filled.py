@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.map_rasters import open_map_raster, windows_of
 from stereo_seecolor.files.ply import FACE, VERTEX, header, read_triangles, read_vertices
-from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.run_folder.layout import MESH, MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -33,7 +32,7 @@ def write(posed: PosedRun, folder: Path) -> str:
     """orthomosaic.tif and its mask, mesh.ply and its patches. Raises InputError where the map lacks
     one, DeviceError where the library that reads it is missing.
     """
-    cells, fraction = _fill_mosaic(posed.map_folder / MOSAIC, folder)
+    cells, fraction = _fill_mosaic(posed, folder)
     holes = _fill_mesh(posed.map_folder / MESH, folder)
     return (
         f"{cells} cells of the mosaic ({fraction:.2%} of the seen area) and {holes} holes of the "
@@ -42,19 +41,13 @@ def write(posed: PosedRun, folder: Path) -> str:
     )
 
 
-def _fill_mosaic(source: Path, folder: Path) -> tuple[int, float]:
+def _fill_mosaic(posed: PosedRun, folder: Path) -> tuple[int, float]:
     """The number of filled cells, and their fraction of those seen."""
-    try:
+    filled_cells = seen_cells = 0
+    with open_map_raster(posed, MOSAIC, 4) as mosaic:
         import rasterio
         from rasterio.enums import ColorInterp
-    except ImportError as error:
-        raise DeviceError(
-            'the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"'
-        ) from error
-    if not source.is_file():
-        raise InputError(f"{source}: does not exist: install the geo extra and fuse again")
-    filled_cells = seen_cells = 0
-    with open_raster(source, 4) as mosaic:
+
         most_px = int(LARGEST_M / float(mosaic.transform.a) + 0.5)
         around = 2 * most_px + SMOOTHINGS + 1  # a hole, and all that its colors are made of
         profile = mosaic.profile
@@ -66,7 +59,8 @@ def _fill_mosaic(source: Path, folder: Path) -> tuple[int, float]:
                 ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha
             ]  # fmt: skip
             mask.set_band_description(1, "filled")
-            for rows, columns in _windows(mosaic.height, mosaic.width):
+            for window in windows_of(mosaic, WINDOW_PX):
+                rows, columns = window.toslices()
                 wide = [
                     (max(0, own.start - around), min(size, own.stop + around))
                     for own, size in ((rows, mosaic.height), (columns, mosaic.width))
@@ -76,21 +70,11 @@ def _fill_mosaic(source: Path, folder: Path) -> tuple[int, float]:
                     slice(own.start - first, own.stop - first)
                     for own, (first, _) in zip((rows, columns), wide, strict=True)
                 )
-                window = ((rows.start, rows.stop), (columns.start, columns.stop))
                 colors.write(rgba[:, *inner], window=window)
                 mask.write(filled[inner].astype(np.uint8), 1, window=window)
                 filled_cells += int(filled[inner].sum())
                 seen_cells += int((rgba[3][inner] > 0).sum())
     return filled_cells, filled_cells / max(1, seen_cells - filled_cells)
-
-
-def _windows(height: int, width: int) -> Iterator[tuple[slice, slice]]:
-    for row in range(0, height, WINDOW_PX):
-        for column in range(0, width, WINDOW_PX):
-            yield (
-                slice(row, min(row + WINDOW_PX, height)),
-                slice(column, min(column + WINDOW_PX, width)),
-            )
 
 
 def fill_holes(

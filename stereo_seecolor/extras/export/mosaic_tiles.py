@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
+from stereo_seecolor.extras.export.map_rasters import open_map_raster
 from stereo_seecolor.files.encode import encode_image
-from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 MOST_PX = 8000
 """CoralNet's limit for a side."""
+COLUMNS = (
+    *("name", "width_px", "height_px", "meters_per_pixel", "height_cm"),
+    *("west_m", "north_m", "seen_fraction"),
+)
 LEAST_SEEN = 0.01
 """Tiles of which less than this fraction was seen are left out."""
 
@@ -27,36 +30,18 @@ def write(posed: PosedRun, folder: Path) -> None:
     Raises InputError if the map has no orthomosaic, DeviceError if the library that reads it is
     missing.
     """
-    try:
-        import rasterio
-    except ImportError as error:
-        raise DeviceError(
-            'the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"'
-        ) from error
-    path = posed.map_folder / MOSAIC
-    if not path.is_file():
-        raise InputError(f"{path}: does not exist: install the geo extra and fuse again")
-    (folder / "tiles").mkdir()
     with (
-        open_raster(path, 4) as mosaic,
+        open_map_raster(posed, MOSAIC, 4) as mosaic,
         (folder / "tiles.csv").open("w", encoding="utf-8", newline="") as table,
     ):
+        from rasterio.windows import Window
+
+        (folder / "tiles").mkdir()
         meters = float(mosaic.transform.a)
         writer = csv.writer(table)
-        writer.writerow(
-            [
-                "name",
-                "width_px",
-                "height_px",
-                "meters_per_pixel",
-                "height_cm",
-                "west_m",
-                "north_m",
-                "seen_fraction",
-            ]
-        )
+        writer.writerow(COLUMNS)
         for row, column, window in windows(mosaic.width, mosaic.height):
-            rgba = mosaic.read(window=rasterio.windows.Window(*window))
+            rgba = mosaic.read(window=Window(*window))
             seen = float((rgba[3] > 0).mean())
             if seen < LEAST_SEEN:
                 continue

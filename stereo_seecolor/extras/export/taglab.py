@@ -5,7 +5,6 @@ Names and limits are those of TagLab's project files; corals outlined there come
 """
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.export_format import ExportFormat
-from stereo_seecolor.files.rasters import open_raster
+from stereo_seecolor.extras.export.map_rasters import open_map_raster, windows_of
 from stereo_seecolor.run_folder.layout import MOSAIC, TERRAIN
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
@@ -31,65 +30,34 @@ def write(posed: PosedRun, folder: Path) -> None:
     Raises InputError if the map has no orthomosaic or it is too large, DeviceError if the library
     that reads it is missing.
     """
-    try:
-        import rasterio  # noqa: F401
-    except ImportError as error:
-        raise DeviceError(
-            'the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"'
-        ) from error
-    paths = [posed.map_folder / name for name in (MOSAIC, TERRAIN)]
-    for path in paths:
-        if not path.is_file():
-            raise InputError(f"{path}: does not exist: install the geo extra and fuse again")
-    with open_raster(paths[0], 4) as mosaic:
+    with open_map_raster(posed, MOSAIC, 4) as mosaic:
         if max(mosaic.width, mosaic.height) > MOST_PX:
             raise InputError(
-                f"{paths[0]}: has more than {MOST_PX} px on a side, TagLab's limit: fuse with a "
-                "larger mapping.mosaic_m"
+                f"{posed.map_folder / MOSAIC}: has more than {MOST_PX} px on a side, TagLab's "
+                "limit: fuse with a larger mapping.mosaic_m"
             )
         _write_colors(mosaic, folder / "rgb.tif")
-        with open_raster(paths[1]) as terrain:  # what cannot be read is named by the innermost
+        # what cannot be read is named by the innermost
+        with open_map_raster(posed, TERRAIN) as terrain:
             _write_heights(terrain, mosaic, folder / "dem.tif")
-        size, mm, on_earth = (
-            (mosaic.width, mosaic.height),
-            1000 * mosaic.res[0],
-            posed.origin is not None,
-        )
-    project = _project(posed, size, mm, "rgb.tif" if on_earth else "")
+        project = _project(posed, (mosaic.width, mosaic.height), 1000 * mosaic.res[0])
     (folder / "project.json").write_text(json.dumps(project, indent=1) + "\n", encoding="utf-8")
 
 
 def _profile(mosaic: Any, count: int, dtype: str, **more: Any) -> dict[str, Any]:
     return {
-        **{
-            "driver": "GTiff",
-            "count": count,
-            "dtype": dtype,
-            "width": mosaic.width,
-            "height": mosaic.height,
-            "crs": mosaic.crs,
-        },
-        **{
-            "transform": mosaic.transform,
-            "tiled": True,
-            "compress": "deflate",
-            "bigtiff": "if_safer",
-            **more,
-        },
+        "driver": "GTiff",
+        "count": count,
+        "dtype": dtype,
+        "width": mosaic.width,
+        "height": mosaic.height,
+        "crs": mosaic.crs,
+        "transform": mosaic.transform,
+        "tiled": True,
+        "compress": "deflate",
+        "bigtiff": "if_safer",
+        **more,
     }
-
-
-def _windows(mosaic: Any) -> Iterator[Any]:
-    from rasterio.windows import Window
-
-    for row in range(0, mosaic.height, BLOCK_PX):
-        for column in range(0, mosaic.width, BLOCK_PX):
-            yield Window(
-                column,
-                row,
-                min(BLOCK_PX, mosaic.width - column),
-                min(BLOCK_PX, mosaic.height - row),
-            )
 
 
 def _write_colors(mosaic: Any, path: Path) -> None:
@@ -97,7 +65,7 @@ def _write_colors(mosaic: Any, path: Path) -> None:
     import rasterio
 
     with rasterio.open(path, "w", **_profile(mosaic, 3, "uint8", photometric="RGB")) as file:
-        for window in _windows(mosaic):
+        for window in windows_of(mosaic, BLOCK_PX):
             file.write(mosaic.read((1, 2, 3), window=window), window=window)
 
 
@@ -107,7 +75,7 @@ def _write_heights(terrain: Any, mosaic: Any, path: Path) -> None:
 
     heights: NDArray[np.float32] = terrain.read(1)
     with rasterio.open(path, "w", **_profile(mosaic, 1, "float32", nodata=NO_DATA)) as file:
-        for window in _windows(mosaic):
+        for window in windows_of(mosaic, BLOCK_PX):
             x = (
                 mosaic.bounds.left
                 + (np.arange(window.width) + window.col_off + 0.5) * mosaic.res[0]
@@ -131,9 +99,7 @@ def _write_heights(terrain: Any, mosaic: Any, path: Path) -> None:
             file.write(np.where(np.isfinite(found), found, np.float32(NO_DATA)), 1, window=window)
 
 
-def _project(
-    posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: str
-) -> dict[str, Any]:
+def _project(posed: PosedRun, size: tuple[int, int], mm: float) -> dict[str, Any]:
     name = posed.run.root.resolve().name
     dates = [
         *(frame.taken.date().isoformat() for frame in posed.frames if frame.taken),
@@ -153,7 +119,7 @@ def _project(
         "id": name,
         "name": name,
         "acquisition_date": dates[0],
-        "georef_filename": georeferenced,
+        "georef_filename": "rgb.tif" if posed.origin else "",
         "workspace": [],
         "export_dataset_area": [],
         "metadata": {},

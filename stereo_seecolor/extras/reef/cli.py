@@ -1,7 +1,7 @@
 """Commands that measure on a map or in frames: metrics, compare, markers, measure."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -9,9 +9,6 @@ from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import BareReport
-
-if TYPE_CHECKING:
-    pass
 from stereo_seecolor.extras.reef.reef_texts import (
     comparison_text,
     markers_text,

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.ground_volume import RIM_CELLS, rim_of, rim_plane, volume_of
-from stereo_seecolor.extras.reef.lengths_and_areas import Measured, planar_area, polygon_area
-from stereo_seecolor.extras.reef.lengths_and_areas import inside as within
+from stereo_seecolor.extras.reef.lengths_and_areas import Measured, planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.outlines import Outline
+from stereo_seecolor.extras.reef.polygons import inside, polygon_area
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
@@ -176,14 +176,11 @@ def _areas(
 
 def _signed(outline: Outline) -> list[tuple[int, Array]]:
     """The rings of an outline, with -1 for a ring within a ring, else 1."""
-    numbered = list(enumerate(outline.rings))
-    within_others = [
-        sum(within(other, *ring[0]) for k, other in numbered if k != number)
-        for number, ring in numbered
-    ]
-    return [
-        (-1 if n % 2 else 1, ring) for n, ring in zip(within_others, outline.rings, strict=True)
-    ]
+    first = np.array([ring[0] for ring in outline.rings])
+    within = np.array([inside(first, ring) for ring in outline.rings])
+    np.fill_diagonal(within, False)
+    others = within.sum(axis=0)
+    return [(-1 if n % 2 else 1, ring) for n, ring in zip(others, outline.rings, strict=True)]
 
 
 def _cells_of(outline: Outline, mask: Mask, grid: Grid) -> float:

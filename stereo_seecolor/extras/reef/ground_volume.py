@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.lengths_and_areas import Measured, inside
+from stereo_seecolor.extras.reef.lengths_and_areas import Measured
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
+from stereo_seecolor.extras.reef.polygons import cells_inside
 from stereo_seecolor.mapping.raster.sides import FALLS
 
 Array = NDArray[np.float64]
@@ -36,12 +37,7 @@ def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) ->
     corner = np.floor(outline.min(axis=0)).astype(int) - RIM_CELLS - 1
     width, height = np.ceil(outline.max(axis=0)).astype(int) + RIM_CELLS + 2 - corner
     left, top = corner.tolist()
-    own = np.array(
-        [
-            [inside(outline, corner[0] + column, corner[1] + row) for column in range(width)]
-            for row in range(height)
-        ]
-    )
+    own = cells_inside([outline], left, top, (height, width))
     return volume_of(ground, own, (left, top), correlation_m)
 
 

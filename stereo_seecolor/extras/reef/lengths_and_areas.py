@@ -1,4 +1,4 @@
-"""Measures from picked points: length along a line, area inside it, and height profile."""
+"""Measures from picked points: length along a line, and area inside it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick, PickedPoint
+from stereo_seecolor.extras.reef.polygons import inside, polygon_area
 
 Array = NDArray[np.float64]
 
@@ -115,23 +116,6 @@ def _step_px(surface: FrameSurface, a: Pick, b: Pick) -> float:
     return max(float(LIMITS.least_step_px), LIMITS.step_stds * noise_m / float(pixel_m))
 
 
-def profile(line: Sequence[PickedPoint], above: Array | None = None) -> tuple[Array, Array]:
-    """Compute distance along the straight line from the first to the last point, and height above
-    it: (N,) each, meters.
-
-    above: (3,) where up is; by default towards the camera.
-    """
-    points = np.array([pick.point_m for pick in line])
-    chord = points[-1] - points[0]
-    length_m = float(np.linalg.norm(chord))
-    along = chord / length_m if length_m > 0 else np.zeros(3)
-    up = -points.mean(axis=0) if above is None else above
-    up = up - (up @ along) * along
-    up /= max(float(np.linalg.norm(up)), 1e-12)
-    offsets = points - points[0]
-    return offsets @ along, offsets @ up
-
-
 def planar_area(picks: Sequence[PickedPoint]) -> Measured:
     """Area of the polygon through points, seen along its mean normal (Newell's sum of cross
     products). Errors along the normal count to second order.
@@ -220,24 +204,18 @@ class _Nodes:
 def _nodes(surface: FrameSurface, outline: Array) -> _Nodes:
     step = LIMITS.area_step_px
     low, high = np.ceil(outline.min(axis=0) / step) * step, outline.max(axis=0)
-    total, relative = 0, 0.0
-    areas: list[tuple[float, float]] = []
-    for y_px in np.arange(low[1], high[1] + 1e-9, step):
-        for x_px in np.arange(low[0], high[0] + 1e-9, step):
-            if inside(outline, x_px, y_px):
-                total += 1
-                pick = surface.pick(x_px, y_px)
-                if pick is not None:
-                    areas.append(_pixel_area_m2(pick, surface.geometry))
-                    relative += pick.range_std_m / pick.range_m
-    if not areas:
+    x, y = np.meshgrid(*(np.arange(low[k], high[k] + 1e-9, step) for k in (0, 1)))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    places = places[inside(places, outline)]
+    picks = [pick for place in places if (pick := surface.pick(*place)) is not None]
+    if not picks:
         return _Nodes(np.zeros(0), 0.0, float("nan"))
-    area_m2, added_m2 = np.array(areas).T
-    known = len(areas)
+    area_m2, added_m2 = np.array([_pixel_area_m2(pick, surface.geometry) for pick in picks]).T
+    relative, known = sum(pick.range_std_m / pick.range_m for pick in picks), len(picks)
     independent = max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2)
     by_range = 2 * relative / known / np.sqrt(independent)
     by_slopes = LIMITS.of_slopes * added_m2.mean() / area_m2.mean()
-    return _Nodes(area_m2, known / total, float(np.hypot(by_range, by_slopes)))
+    return _Nodes(area_m2, known / len(places), float(np.hypot(by_range, by_slopes)))
 
 
 def _pixel_area_m2(pick: Pick, geometry: RectifiedPair) -> tuple[float, float]:
@@ -253,47 +231,3 @@ def _pixel_area_m2(pick: Pick, geometry: RectifiedPair) -> tuple[float, float]:
     added = 0.5 * pick.slope_std**2 * curvature / size
     scale = depth_m**3 / focal_px**2
     return float(scale * (size - added)), float(scale * added)
-
-
-def polygon_area(outline: Array) -> float:
-    """The area of a polygon (N, 2) (shoelace formula)."""
-    x, y = outline.T
-    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
-
-
-def inside(outline: Array, x_px: float, y_px: float) -> bool:
-    """Tell whether a place lies inside a polygon (N, 2), by the number of edges to its right."""
-    found = False
-    for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-        if (ay > y_px) != (by > y_px) and x_px < (bx - ax) * (y_px - ay) / (by - ay) + ax:
-            found = not found
-    return found
-
-
-def crosses_itself(outline: Array) -> bool:
-    """Tell whether two sides of a polygon (N, 2) that share no corner cross."""
-    ends = np.roll(outline, -1, axis=0)
-    for i, (a, b) in enumerate(zip(outline, ends, strict=True)):
-        c, d = (corners[i + 2 : len(outline) - (i == 0)] for corners in (outline, ends))
-        if _crosses(a, b, c, d):
-            return True
-    return False
-
-
-def cross(one: Array, other: Array) -> bool:
-    """Tell whether a side of a polygon (N, 2) crosses a side of another (M, 2)."""
-    ends = np.roll(other, -1, axis=0)
-    return any(
-        _crosses(a, b, other, ends) for a, b in zip(one, np.roll(one, -1, axis=0), strict=True)
-    )
-
-
-def _crosses(a: Array, b: Array, c: Array, d: Array) -> bool:
-    """Whether the line from a to b, (2,) each, crosses one from c to d, (N, 2) each."""
-    crosses = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
-    return bool(crosses.any())
-
-
-def _side(a: Array, b: Array, point: Array) -> Array:
-    (dx, dy), (x, y) = (b - a).T, (point - a).T
-    return np.asarray(dx * y - dy * x)

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
-    inside,
     length_along,
     planar_area,
-    polygon_area,
     straight_length,
     unseen_std,
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
+from stereo_seecolor.extras.reef.polygons import cells_inside, polygon_area
 from stereo_seecolor.mapping.raster.height_errors import RELIEF_CELLS, height_stds, plane_sums
 from stereo_seecolor.mapping.raster.sides import step_m
 from stereo_seecolor.records import Map
@@ -254,13 +253,10 @@ class Ground:
         )
         total = max(polygon_area(outline), 1.0)
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
-        places = [
-            (c, r)
-            for r in range(low[1], high[1] + 1)
-            for c in range(low[0], high[0] + 1)
-            if inside(outline, c, r)
-        ]
-        steepness, stds_m = self.steepness(np.array(places, np.int64).reshape(-1, 2))
+        width, height = np.maximum(high + 1 - low, 0)
+        cells = cells_inside([outline], int(low[0]), int(low[1]), (height, width))
+        rows, columns = np.nonzero(cells)
+        steepness, stds_m = self.steepness(np.stack([columns, rows], axis=-1) + low)
         return steepness, stds_m, min(1.0, len(steepness) / total)
 
     def steepness(self, cells: NDArray[np.int64]) -> tuple[Array, Array]:

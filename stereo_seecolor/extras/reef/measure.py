@@ -15,7 +15,6 @@ from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     Measured,
     along_surface,
-    crosses_itself,
     known_area,
     length_along,
     planar_area,
@@ -26,6 +25,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
+from stereo_seecolor.extras.reef.polygons import crosses_itself
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.files import csv_tables
 from stereo_seecolor.geometry import estimated_range_std_m

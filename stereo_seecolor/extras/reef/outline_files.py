@@ -1,7 +1,6 @@
 """Reading of outlines from files: GeoJSON (QGIS, ArcGIS), and TagLab's project."""
 
-from collections.abc import Callable
-from itertools import combinations
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,8 @@ from numpy.typing import NDArray
 
 from calibration.bounded_text import decode_text, load_json
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.reef.lengths_and_areas import cross, crosses_itself, inside
 from stereo_seecolor.extras.reef.outlines import Outline, Ring
+from stereo_seecolor.extras.reef.polygons import cross, crosses_itself, inside
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
@@ -116,31 +115,27 @@ def _ring(corners: Any, turn: Turn, number: int) -> Ring:
 
 def _check_holes(polygons: list[list[Ring]], number: int) -> None:
     """Raises InputError for holes that are not inside their polygon, and for rings that cross."""
-    if _any_cross([ring for polygon in polygons for ring in polygon]):
+    rings = [ring for polygon in polygons for ring in polygon]
+    if any(cross(*both) for both in _meeting(rings)):
         raise InputError(f"polygon {number}: two of its rings cross: draw them apart")
     for outer, *holes in polygons:
         if not all(_holds(outer, hole) for hole in holes):
             raise InputError(f"polygon {number}: a hole is not inside the outline")
-        if any(_holds(*both) or _holds(*both[::-1]) for both in combinations(holes, 2)):
+        if any(_holds(*both) or _holds(*both[::-1]) for both in _meeting(holes)):
             raise InputError(f"polygon {number}: a hole is inside another hole, or given twice")
 
 
-def _any_cross(rings: list[Ring]) -> bool:
-    """Whether two of the rings cross; only those whose boxes meet are compared, since a file may
-    hold thousands.
-    """
+def _meeting(rings: Sequence[Ring]) -> Iterator[tuple[Ring, Ring]]:
+    """The pairs of rings whose boxes meet: a file may hold thousands."""
     low, high = (np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max))
     for i, ring in enumerate(rings):
         meet = ((low[:i] <= high[i]) & (high[:i] >= low[i])).all(axis=1)
-        if any(cross(ring, rings[k]) for k in np.flatnonzero(meet)):
-            return True
-    return False
+        yield from ((ring, rings[k]) for k in np.flatnonzero(meet).tolist())
 
 
 def _holds(outer: Ring, ring: Ring) -> bool:
     """Whether a ring lies inside another one, which it does not cross; corners may touch."""
-    within = sum(inside(outer, float(x), float(y)) for x, y in ring)
-    return 2 * within > len(ring) or np.array_equal(outer, ring)
+    return 2 * inside(ring, outer).sum() > len(ring) or np.array_equal(outer, ring)
 
 
 def _first(properties: dict[str, Any], keys: tuple[str, ...]) -> str:

@@ -139,9 +139,9 @@ def fractal_noise(
     return np.asarray(total / max(float(total.std()), 1e-6), dtype=np.float32)
 
 
-def mixed_colors(albedo: Grid, fraction: Grid | float, color: Color) -> Grid:
+def mixed_colors(albedo: Grid, fraction: NDArray[np.floating] | float, color: Color) -> Grid:
     """(H, W, 3) albedo of which a fraction (H, W) has another color."""
-    fraction = np.asarray(fraction, np.float32)[..., None]
+    fraction = np.asarray(fraction)[..., None]
     return np.asarray(
         albedo * (1 - fraction) + np.array(color, np.float32) * fraction, dtype=np.float32
     )

@@ -42,17 +42,16 @@ def synthesize(
 ) -> None:
     """Render a dive over a synthetic reef, with ground truth (docs/synthetic.md)."""
     from stereo_seecolor.extras.synthetic.dive import parse_spec
-    from stereo_seecolor.extras.synthetic.synthesize import synthesize as render
+    from stereo_seecolor.extras.synthetic.dive import synthesize as render
 
     with report.working() as listener:
-        dive = render(
-            parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed), out, listener
-        )
+        spec = parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed)
+        render(spec, out, listener)
     text = (
         f"{pairs} pairs in {out}: left/, right/, cam.yaml, trajectory.tum, and the truth in "
         "truth/\n"
     )
-    report.end({"out": dive.out, "spec": dive.spec}, text)
+    report.end({"out": out, "spec": spec}, text)
 
 
 @command("Accuracy", "demo --out demo")

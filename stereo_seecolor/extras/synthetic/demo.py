@@ -8,8 +8,8 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.extras.evaluation.evaluate_run import evaluate
 from stereo_seecolor.extras.evaluation.truth import TruthReport
+from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.extras.synthetic.synthesize import synthesize
 from stereo_seecolor.run_folder.frame_table import RunSummary
 
 DEMO_PAIRS = 4

@@ -21,7 +21,8 @@ from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.free_places import refuse_filled
 from stereo_seecolor.files.json_records import load_object
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.records import Water
+from stereo_seecolor.progress import Listener, Silence
+from stereo_seecolor.records import FrameRow, Water
 
 _FOLDERS = {
     "left": ".png",
@@ -39,15 +40,14 @@ _RANGE_STEPS_PER_M = 4096
 """Ranges are rounded to 0.24 mm, a tenth of what stereo can tell here, so that they compress."""
 
 
-def synthesize(
-    spec: SurveySpec, out: Path, done: Callable[[int, int], None] = lambda finished, pairs: None
-) -> None:
-    """Render the survey into ``out``; docs/synthetic.md lists the files. ``done(finished, pairs)``
-    is called after each pair.
+def synthesize(spec: SurveySpec, out: Path, listener: Listener | None = None) -> None:
+    """Render the survey into ``out``; docs/synthetic.md lists the files.
 
     Files that are there are kept, so a stopped survey continues. Raises OutputError if the folder
     cannot be written, or holds anything but the same survey.
     """
+    listener = listener or Silence()
+    listener.begin("render", spec.pairs)
     _refuse_other(spec, out)
     scene = Scene.from_spec(spec)
     water = json.dumps(_water_content(scene), indent=1) + "\n"
@@ -61,7 +61,7 @@ def synthesize(
     for index, name in enumerate(scene.trajectory.names):
         if not all(file.is_file() for file in _pair_files(out, name)):
             _write_pair(out, scene.render(index))
-        done(index + 1, spec.pairs)
+        listener.advance(FrameRow(f"pair {index + 1}"))
 
 
 def parse_spec(pairs: int, lines: int, size: str, water: str, seed: int) -> SurveySpec:

@@ -12,6 +12,7 @@ from stereo_seecolor.extras.synthetic.bottom import (
     Color,
     Grid,
     fractal_noise,
+    mixed_colors,
 )
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 
@@ -110,8 +111,8 @@ def _boulder(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> No
     top_m = bottom.ground_m(x, y) + height_m * _dome(distance, 2.6) + 0.03 * long_m * noise
     patchy = fractal_noise(patch.u_m.shape, 0.12 / bottom.cell_m, 4, rng)
     albedo = _painted(patch.u_m, ROCK) * np.exp(0.25 * patchy)[..., None]
-    albedo = _blend(albedo, np.clip(noise - 0.3, 0, 1), TURF)
-    albedo = _blend(albedo, np.clip(2 * patchy - 1.2, 0, 0.9), CORALLINE)
+    albedo = mixed_colors(albedo, np.clip(noise - 0.3, 0, 1), TURF)
+    albedo = mixed_colors(albedo, np.clip(2 * patchy - 1.2, 0, 0.9), CORALLINE)
     bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), albedo, texture=0.25)
 
 
@@ -150,7 +151,7 @@ def _table_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -
     bottom.raise_to(
         patch,
         np.where(distance < 1, top_m, -np.inf),
-        _blend(albedo, 0.5 * rim, (0.62, 0.55, 0.42)),
+        mixed_colors(albedo, 0.5 * rim, (0.62, 0.55, 0.42)),
         texture=0.2,
     )
 
@@ -168,7 +169,7 @@ def _branching_thicket(bottom: Bottom, x: float, y: float, rng: np.random.Genera
         distance = np.hypot(patch.u_m, patch.v_m) / radius_m
         top_m = bottom.ground_m(x, y) + height_m * _dome(distance, 1.5)
         albedo = _painted(patch.u_m, color) * np.float32(rng.uniform(0.8, 1.2))
-        tip = _blend(albedo, 0.6 * np.clip(1 - 2.2 * distance, 0, 1), (0.66, 0.58, 0.44))
+        tip = mixed_colors(albedo, 0.6 * np.clip(1 - 2.2 * distance, 0, 1), (0.66, 0.58, 0.44))
         bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), tip, texture=0.2)
 
 
@@ -259,13 +260,6 @@ def _turned(u: Grid, v: Grid, rng: np.random.Generator) -> tuple[Grid, Grid]:
 
 def _painted(like: Grid, color: Color) -> Grid:
     return np.full((*like.shape, 3), np.array(color, np.float32))
-
-
-def _blend(albedo: Grid, fraction: NDArray[np.floating], color: Color) -> Grid:
-    return np.asarray(
-        albedo * (1 - fraction[..., None]) + np.array(color, np.float32) * fraction[..., None],
-        dtype=np.float32,
-    )
 
 
 def _pick(colors: tuple[Color, ...], rng: np.random.Generator) -> Color:

@@ -12,20 +12,17 @@ def expose(
     full_well_e: float,
     read_noise_e: float,
     bits: int,
-    rng: np.random.Generator | None,
+    rng: np.random.Generator,
 ) -> Image:
     """Linear light (H, W, 3), 1 = full scale, to an image: shot and read noise, clipping, then
     8-bit sRGB or 16-bit linear.
-
-    Without a random generator the sensor is perfect: no noise.
     """
     seen = light.astype(np.float32, copy=True)
-    if rng is not None:
-        spread = np.sqrt(
-            np.maximum(seen, 0) / np.float32(full_well_e)
-            + np.float32((read_noise_e / full_well_e) ** 2)
-        )
-        seen += spread * rng.standard_normal(seen.shape, dtype=np.float32)
+    spread = np.sqrt(
+        np.maximum(seen, 0) / np.float32(full_well_e)
+        + np.float32((read_noise_e / full_well_e) ** 2)
+    )
+    seen += spread * rng.standard_normal(seen.shape, dtype=np.float32)
     seen = np.clip(seen, 0.0, 1.0)
     if bits == 16:
         return np.round(seen * 65535.0).astype(np.uint16)

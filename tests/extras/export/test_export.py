@@ -21,8 +21,7 @@ from stereo_seecolor.earth import (
 )
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles
-from stereo_seecolor.extras.export.command import export
-from stereo_seecolor.extras.export.installed_formats import export_formats
+from stereo_seecolor.extras.export.command import export, export_formats
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.streams import recording
 from stereo_seecolor.extras.streams.mcap_recording import TOPICS

@@ -22,7 +22,6 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
     length_along,
     planar_area,
-    profile,
     range_of,
     straight_length,
     surface_area,
@@ -87,7 +86,7 @@ def test_length_and_area_on_a_slanted_plane() -> None:
     assert area.value == pytest.approx(trapezoid_m2, rel=0.02)
 
 
-def test_a_bulge_is_longer_along_the_surface_and_rises_in_its_profile() -> None:
+def test_a_bulge_is_longer_along_the_surface() -> None:
     surface = plane()
     y, x = np.mgrid[:240, :320]
     bulge_m = 0.2 * np.exp(-((x - 160) ** 2 + (y - 120) ** 2) / (2 * 30**2))
@@ -96,10 +95,7 @@ def test_a_bulge_is_longer_along_the_surface_and_rises_in_its_profile() -> None:
         FrameSurface(GEOMETRY, range_m, surface.std_blocks_m),
         picked(surface, (60, 120), (260, 120)),
     )
-    along_m, height_m = profile(line)
     assert straight_length(line).value > 1.03 * 1.0
-    assert height_m.max() == pytest.approx(0.2, abs=0.01)
-    assert along_m[np.argmax(height_m)] == pytest.approx(0.5, abs=0.03)
 
 
 def test_the_error_of_a_length_is_that_of_range_and_click() -> None:

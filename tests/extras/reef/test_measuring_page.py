@@ -12,12 +12,12 @@ from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import (
     along_surface,
-    crosses_itself,
     length_along,
     surface_area,
 )
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.picking import FrameSurface
+from stereo_seecolor.extras.reef.polygons import crosses_itself
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 PLACES = [(30.0, 20.0), (120.0, 24.0), (110.0, 100.0), (36.0, 96.0)]

@@ -149,6 +149,19 @@ def test_spaces_around_a_label_do_not_make_another_label(tmp_path: Path) -> None
     assert read_outlines(geojson(tmp_path / "p.geojson", RING), POSED)[0].label == "P"
 
 
+def test_a_polygon_with_hundreds_of_holes_covers_what_lies_between_them(tmp_path: Path) -> None:
+    holes = [square(10 * i + 3, 10 * k + 3, 4) for i in range(30) for k in range(30)]
+    path = tmp_path / "p.geojson"
+    rings = [square(0, 0, 300), *holes]
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": rings}))
+    posed: Any = SimpleNamespace(origin=None, offset_m=np.zeros(3))
+    (outline,) = read_outlines(path, posed)
+    expected = np.ones((300, 300), bool)
+    expected.reshape(30, 10, 30, 10)[:, 3:7, :, 3:7] = False
+    assert (outline.mask(Grid(0.0, 300.0, 1.0, (300, 300))) == expected).all()
+    assert len(outline.rings) == 901
+
+
 def test_a_polygon_without_a_feature_around_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "p.geojson"
     path.write_text(json.dumps({"type": "Polygon", "coordinates": [RING]}))

@@ -5,6 +5,7 @@ were taken through.
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from unittest.mock import create_autospec
 
 import cv2
 import numpy as np
@@ -24,6 +25,7 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec, track
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.name_times import timestamp_from_name
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.progress import Silence
 
 SAMPLES = Path(__file__).parents[3] / "data_samples" / "reef"
 SPEC = SurveySpec(pairs=6, image_size=(176, 144))
@@ -272,9 +274,10 @@ def built_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_dive_on_disk_reads_back(tmp_path: Path, built_once: None) -> None:
     spec = SHORT
-    finished: list[tuple[int, int]] = []
-    synthesize(spec, tmp_path / "dive", lambda *done: finished.append(done))
-    assert finished == [(1, 2), (2, 2)]
+    listener = create_autospec(Silence, instance=True)
+    synthesize(spec, tmp_path / "dive", listener)
+    listener.begin.assert_called_once_with("render", 2)
+    assert listener.advance.call_count == 2
     scene = Scene.from_spec(spec)
     np.testing.assert_allclose(
         load_rig(tmp_path / "dive" / "cam.yaml").T_right_left, scene.rig.T_right_left
@@ -337,12 +340,10 @@ def test_synthesize_refuses_a_folder_with_other_files(tmp_path: Path, own: str) 
 @pytest.mark.slow
 def test_a_stopped_synthesis_continues(tmp_path: Path, built_once: None) -> None:
     spec, dive = SHORT, tmp_path / "dive"
-
-    def stop(finished: int, pairs: int) -> None:
-        raise KeyboardInterrupt
-
+    listener = create_autospec(Silence, instance=True)
+    listener.advance.side_effect = KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt):
-        synthesize(spec, dive, stop)
+        synthesize(spec, dive, listener)
     first, *others = sorted((dive / "left").iterdir())
     assert not others
     first.write_text("edited")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
-from stereo_seecolor.extras.evaluation.measures import ciede2000, lab_from_linear
+from stereo_seecolor.extras.evaluation.measures import color_differences
 from stereo_seecolor.files.srgb import decode_srgb
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class SeenPatches:
         """Median CIEDE2000 of the patches, multiplied by a matrix, to their published colors."""
         known = np.isfinite(self.error)
         return (
-            float(np.median(_differences(self.color[known] @ matrix.T, self.published[known])))
+            float(np.median(color_differences(self.color[known] @ matrix.T, self.published[known])))
             if known.any()
             else float("nan")
         )
@@ -103,7 +103,7 @@ class SeenPatches:
         color, published = self.color[known], self.published[known]
         rng = np.random.default_rng(0)
         least = min(
-            float(np.median(_differences(color, rng.permutation(published))))
+            float(np.median(color_differences(color, rng.permutation(published))))
             for _ in range(SETTINGS.orders)
         )
         return self.ciede2000(np.eye(3)) < least
@@ -139,9 +139,9 @@ def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
         )
     error = _with_covered(color, published, error)
     matrix, errors = _fit(color, published, error)
-    before = float(np.median(_differences(color, published)))
-    after = float(np.median(_differences(color @ matrix.T, published)))
-    left_out = float(np.median(_differences(_left_out(color, published, error), published)))
+    before = float(np.median(color_differences(color, published)))
+    after = float(np.median(color_differences(color @ matrix.T, published)))
+    left_out = float(np.median(color_differences(_left_out(color, published, error), published)))
     if left_out > before - SETTINGS.least_gain:
         return (
             f"it improves patches left out of its fit too little: CIEDE2000 {left_out:.1f}, "
@@ -254,7 +254,3 @@ def _ridge(X: Array, y: Array, variance: Array) -> tuple[Array, Array]:
         X.T @ (X / variance[:, None]) + np.eye(X.shape[1]) / SETTINGS.entry**2
     ).astype(np.float64)
     return covariance @ (X.T @ (y / variance)), covariance
-
-
-def _differences(color: Array, published: Array) -> Array:
-    return np.asarray(ciede2000(lab_from_linear(color), lab_from_linear(published)))

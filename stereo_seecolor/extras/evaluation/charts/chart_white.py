@@ -21,6 +21,7 @@ from stereo_seecolor.extras.evaluation.charts.camera_matrix import SeenPatches
 from stereo_seecolor.extras.evaluation.charts.chart_spread import MOST_CLIPPED
 from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
 from stereo_seecolor.extras.evaluation.charts.targets import Target
+from stereo_seecolor.extras.evaluation.measures import gray_angle_deg
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Image, Map, Water
 
@@ -225,7 +226,7 @@ class ChartWhite:
         """The angle between each target's white, with the water removed, and the survey's,
         degrees.
         """
-        return tuple(_angle_deg(one.white - self.white) for one in self.seen)
+        return tuple(float(gray_angle_deg(np.exp(one.white - self.white))) for one in self.seen)
 
     def set_in(self, water: Water) -> Water:
         """The water with this white point (``with_white``). Its standard errors are those of colors
@@ -272,11 +273,3 @@ def survey_white(seen: Sequence[SeenWhite]) -> ChartWhite:
         np.average((colors - white) ** 2, axis=0, weights=weights) / max(len(seen) - 1, 1)
     )
     return ChartWhite(white, np.maximum(between, own), tuple(seen))
-
-
-def _angle_deg(difference: Array) -> float:
-    """Angle between gray and a gray multiplied by the exponentials of these logarithms, degrees."""
-    color = np.exp(difference)
-    return float(
-        np.degrees(np.arccos(np.clip(color.sum() / (np.sqrt(3) * np.linalg.norm(color)), -1, 1)))
-    )

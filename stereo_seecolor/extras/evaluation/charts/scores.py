@@ -23,8 +23,8 @@ from stereo_seecolor.extras.evaluation.charts.chart_spread import (
 )
 from stereo_seecolor.extras.evaluation.charts.targets import Target, read_targets, targets_of
 from stereo_seecolor.extras.evaluation.measures import (
-    ciede2000,
     clipped,
+    color_differences,
     exposure_gain,
     lab_from_linear,
     score_neutral,
@@ -257,7 +257,7 @@ def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64]
         else decode_srgb(srgb[seen])
     )
     exposed = means * exposure_gain(means, truth) if srgb is not None else means
-    return float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
+    return float(np.median(color_differences(exposed, truth)))
 
 
 def _mean(method: str, rows: Sequence[ChartRow]) -> ChartRow:

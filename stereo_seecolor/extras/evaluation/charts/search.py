@@ -13,7 +13,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.charts.chart_finder import find_charts
 from stereo_seecolor.extras.evaluation.charts.targets import Target, found_chart
 from stereo_seecolor.extras.evaluation.evaluate_run import evaluate_spread
-from stereo_seecolor.extras.evaluation.measures import ciede2000, exposure_gain, lab_from_linear
+from stereo_seecolor.extras.evaluation.measures import color_differences, exposure_gain
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.progress import Listener
@@ -103,7 +103,7 @@ def patch_colors(target: Target, image: NDArray[np.uint8]) -> tuple[list[str], f
     truth = decode_srgb(target.type.srgb[seen])
     exposed = means * exposure_gain(means, truth)
     shown = iter(_css(encode_srgb(np.clip(exposed, 0, 1))))
-    difference = float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
+    difference = float(np.median(color_differences(exposed, truth)))
     return [next(shown) if patch else "transparent" for patch in seen], difference
 
 

@@ -58,12 +58,8 @@ def fixed_track(bag: Bag) -> FixedTrack | None:
     a library is missing.
     """
     fixes, imu = _longest(bag, FIX), _longest(bag, IMU)
-    messages = [decode(entry) for entry in fixes[:: -(-len(fixes) // CONSTANTS.most) or 1]]
-    known = [
-        (entry, m)
-        for entry, m in zip(fixes[:: -(-len(fixes) // CONSTANTS.most) or 1], messages, strict=True)
-        if _is_fix(m)
-    ]
+    read = ((entry, decode(entry)) for entry in fixes[:: -(-len(fixes) // CONSTANTS.most) or 1])
+    known = [(entry, message) for entry, message in read if _is_fix(message)]
     if not known:
         return None
     if not imu or decode(imu[0]).orientation_covariance[0] == -1:
