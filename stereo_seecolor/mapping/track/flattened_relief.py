@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
+from stereo_seecolor.mapping.track.image_space import from_plane
 
 Array = NDArray[np.float64]
 
@@ -26,9 +27,7 @@ def flattened_relief(problem: BundleProblem) -> Iterator[Array]:
     relief, smoothed = np.zeros(len(problem.seen)), np.zeros(len(problem.seen))
     by_frame = np.argsort(problem.frame, kind="stable")
     for own in np.split(by_frame, np.flatnonzero(np.diff(problem.frame[by_frame])) + 1):
-        directions, inverse = problem.seen[own, :2], problem.seen[own, 2]
-        plane = np.column_stack([directions, np.ones(len(own))])
-        relief[own] = inverse - plane @ np.linalg.lstsq(plane, inverse)[0]
+        relief[own] = from_plane(problem.seen[own])
         noise, whole = (problem.weight[own, 2] ** -2).sum(), (relief[own] ** 2).sum()
         smoothed[own] = relief[own] * (noise / max(noise, whole))
     whole = (relief**2).sum()

@@ -12,22 +12,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.image_space import Observed, move
+from stereo_seecolor.mapping.track.image_space import Observed, from_plane, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
-from stereo_seecolor.mapping.track.relative_pose import weighed
+from stereo_seecolor.mapping.track.relative_pose import inverse_covariance, pulled
 
 Array = NDArray[np.float64]
-MODELS = (10, 4)
-"""Numbers of terms that are tried, the more first. The first four: a radial term of the lens, and
-three square ones of the disparity (x x, x y, y y). The others: a second radial term, four cubic
-ones of the disparity, as two lenses that are off differently leave them, and one of the fourth
-order. Not the disparity's mean, which is the scale, nor its slopes and the lens's tangential terms,
-which look like a turn of the camera's axes.
+TERMS = 11
+"""The first: the fraction by which relief is flattened. Ten of the lens: a radial term, three
+square ones of the disparity (x x, x y, y y), a second radial term, four cubic ones of the
+disparity, as two lenses that are off differently leave them, and one of the fourth order. Not the
+disparity's mean, which is the scale, nor its slopes and the lens's tangential terms, which look
+like a turn of the camera's axes.
+
+A matcher flattens relief that one side shows less sharply. Without a term of its own that looks
+like a lens that is off, and makes the track too long.
 """
+NONE, RELIEF = slice(0, 0), slice(0, 1)
+LAST = (TERMS, 5)
+"""Where the terms end that are tried, the more first."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,9 @@ class ImageErrorSettings:
     # standard deviation of each term at the image's corner before anything is seen: of a calibrated
     # rig
     prior_px: float = 1.0
+    prior_relief: float = 0.1  # the same of flattened relief: it was up to 0.17 on synthetic dives
+    # points whose mean is a point's relief: of one alone, noise hides what is flattened
+    relief_points: int = 16
     # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect
     # lens
     better: float = 0.995
@@ -65,8 +75,8 @@ class FramePair:
 
 @dataclass(frozen=True, eq=False)
 class ImageErrors:
-    """Estimated errors of the image. values: (k,) pixels at the image's corner, the first k of
-    MODELS' terms.
+    """Estimated errors of the image. values: (TERMS,) a fraction of the relief, then pixels at the
+    image's corner.
     """
 
     values: Array
@@ -74,69 +84,89 @@ class ImageErrors:
 
     def corrected(self, features: Features) -> Features:
         """Features without the errors."""
-        off = _field(features.points, self.geometry, len(self.values)) @ self.values
+        off = _field(features.points, self.geometry) @ self.values
         return replace(features, points=features.points - off, near=features.near - off[:, 2])
 
 
 def find_image_errors(pairs: Sequence[FramePair], geometry: RectifiedPair) -> ImageErrors | None:
     """The errors that explain best what all pairs have in common; None where pairs left out of the
-    fit do not confirm them.
+    fit confirm none.
+
+    A lens is off where that explains more in addition to flattened relief than this does alone.
     """
     if len(pairs) < SETTINGS.min_pairs:
         return None
-    pairs = [_thinned(pair) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]]
-    for terms in MODELS:
-        if _confirmed(pairs, geometry, terms):
-            return ImageErrors(_solve(pairs, geometry, np.zeros(terms), free=True)[0], geometry)
-    return None
+    some = [_Compared.of(pair, geometry) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]]
+    none, relief = _left_out(some, NONE), _left_out(some, RELIEF)
+    flattened = bool((relief <= SETTINGS.better * none).all())
+    used = RELIEF if flattened else NONE
+    for last in LAST:
+        both = _left_out(some, slice(0, last))
+        if (both <= np.minimum(SETTINGS.better, relief / none) * relief).all():
+            used = slice(0 if flattened else RELIEF.stop, last)
+            break
+    return None if used == NONE else ImageErrors(_solve(some, np.zeros(TERMS), used)[0], geometry)
 
 
-def _confirmed(pairs: Sequence[FramePair], geometry: RectifiedPair, terms: int) -> bool:
-    """True where errors that are fitted to one half of the pairs explain the other half better than
-    none, both ways.
+def _left_out(pairs: "Sequence[_Compared]", free: slice) -> Array:
+    """(2,) the cost of each half of the pairs with the errors that are fitted to the other half."""
+    halves = pairs[::2], pairs[1::2]
+    fitted = [_solve(half, np.zeros(TERMS), free)[0] for half in halves]
+    return np.array([_solve(halves[1 - k], fitted[k], NONE)[1] for k in range(2)])
+
+
+def _solve(pairs: "Sequence[_Compared]", values: Array, free: slice) -> tuple[Array, float]:
+    """Gauss-Newton over the values that are free, and each pair's pose; the values, and the robust
+    cost of a point.
     """
-    none = np.zeros(terms)
-    for fitted, left_out in ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])):
-        values, _ = _solve(fitted, geometry, none, free=True)
-        if (
-            _solve(left_out, geometry, values, free=False)[1]
-            > SETTINGS.better * _solve(left_out, geometry, none, free=False)[1]
-        ):
-            return False
-    return True
-
-
-def _solve(
-    pairs: Sequence[FramePair], geometry: RectifiedPair, values: Array, free: bool
-) -> tuple[Array, float]:
-    """Gauss-Newton over the values, if they are free, and each pair's pose; the values, and the
-    robust cost of a point.
-    """
-    terms = len(values)
+    values = values.copy()
+    prior = np.full(TERMS, SETTINGS.prior_px**-2)
+    prior[RELIEF] = SETTINGS.prior_relief**-2
     poses = [pair.T_a_b for pair in pairs]
-    fields = [
-        (_field(pair.a.points, geometry, terms), _field(pair.b.points, geometry, terms))
-        for pair in pairs
-    ]
     cost = np.inf
     for _ in range(SETTINGS.rounds):
-        H, g = np.eye(terms) / SETTINGS.prior_px**2, -values / SETTINGS.prior_px**2
-        normals = [_normal(*item, values) for item in zip(pairs, fields, poses, strict=True)]
+        H, g = np.diag(prior[free]), -(values * prior)[free]
+        normals = [_normal(pair, T, values, free) for pair, T in zip(pairs, poses, strict=True)]
         before, cost = cost, sum(normal.cost for normal in normals)
         if before - cost < SETTINGS.tolerance * cost:
             break
         for normal in normals:
             H += normal.H_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.H_mixed)
             g += normal.g_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.g_pose)
-        step = np.linalg.solve(H, g) if free else np.zeros(terms)
-        values = values + step
+        step = np.linalg.solve(H, g)
+        values[free] += step
         for number, normal in enumerate(normals):
             move_by = np.asarray(
                 np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64
             )
             poses[number] = poses[number] @ pose(rotation_from_vector(move_by[:3]), move_by[3:])
-    points = sum(len(pair.a.points) for pair in pairs)
-    return values, cost / points
+    return values, cost / sum(len(pair.a) for pair in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """Two frames' views a, b: (n, 3), the fields (n, 3, k) of all terms there, T_a_b, and the
+    weight (n, 3, 3) of their difference.
+
+    Weights stay as they are at first: else a longer track, which makes differences less certain,
+    seems to fit better.
+    """
+
+    T_a_b: Array
+    a: Array
+    b: Array
+    field_a: Array
+    field_b: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, pair: FramePair, geometry: RectifiedPair) -> "_Compared":
+        """Of two frames' views, as many of their points as tell."""
+        every = slice(None, None, -(-len(pair.a.points) // SETTINGS.max_points))
+        a, b = pair.a.chosen(every), pair.b.chosen(every)
+        weight = inverse_covariance(move(pair.T_a_b, b.points), a, b)
+        fields = _field(a.points, geometry), _field(b.points, geometry)
+        return cls(pair.T_a_b, a.points, b.points, *fields, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,17 +183,14 @@ class _ImageErrorNormal:
     cost: float
 
 
-def _normal(
-    pair: FramePair, fields: tuple[Array, Array], T: Array, values: Array
-) -> _ImageErrorNormal:
-    field_a, field_b = fields
-    moved = move(T, pair.b.points - field_b @ values)
-    seen = Observed(pair.a.points - field_a @ values, pair.a.std)
-    weight, pull, squared = weighed(moved, seen, pair.b)
+def _normal(pair: _Compared, T: Array, values: Array, free: slice) -> _ImageErrorNormal:
+    moved = move(T, pair.b - pair.field_b @ values)
+    pull, squared = pulled(pair.weight, pair.a - pair.field_a @ values - moved.points)
     ratio = squared / POSE.outlier_sigmas**2
     robust = 1 / (1 + ratio)
-    slope = np.concatenate([moved.by_pose, field_a - moved.by_point @ field_b], axis=2)
-    weighted, both = (robust[:, None, None] * weight) @ slope, slope.shape[2]
+    by_values = pair.field_a[:, :, free] - moved.by_point @ pair.field_b[:, :, free]
+    slope = np.concatenate([moved.by_pose, by_values], axis=2)
+    weighted, both = (robust[:, None, None] * pair.weight) @ slope, slope.shape[2]
     rows = slope.reshape(-1, both).T
     H, g = rows @ weighted.reshape(-1, both), rows @ (robust[:, None] * pull).ravel()
     return _ImageErrorNormal(
@@ -171,23 +198,34 @@ def _normal(
     )
 
 
-def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:
-    """(n, 3, terms) error of points (n, 3) in image space by each of the first terms, for a pixel
-    at the image's corner.
+def _field(points: Array, geometry: RectifiedPair) -> Array:
+    """(n, 3, TERMS) error of points (n, 3) in image space by each term: where all relief is gone,
+    and for a pixel at the image's corner.
     """
     corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
     x, y = points[:, 0] / corner, points[:, 1] / corner
     square = x * x + y * y
     radial = [(x * square, y * square), (x * square**2, y * square**2)]
     depth = [x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3, square**2]
-    found = np.zeros((len(points), 3, 2 + len(depth)))
-    found[:, :2, 0], found[:, :2, 4] = (
+    found = np.zeros((len(points), 3, TERMS))
+    found[:, 2, 0] = -_wide_relief(points)
+    found[:, :2, 1], found[:, :2, 5] = (
         np.stack(term, axis=1) / geometry.focal_px for term in radial
     )
-    found[:, 2, [1, 2, 3, 5, 6, 7, 8, 9]] = np.stack(depth, axis=1) / (
+    found[:, 2, [2, 3, 4, 6, 7, 8, 9, 10]] = np.stack(depth, axis=1) / (
         geometry.focal_px * geometry.baseline_m
     )
-    return found[:, :, :terms]
+    return found
+
+
+def _wide_relief(points: Array) -> Array:
+    """(n,) relief of points (n, 3) in image space, a mean over each point's neighbors."""
+    if not len(points):
+        return np.zeros(0)
+    near = np.arange(1, min(SETTINGS.relief_points, len(points)) + 1)
+    return np.asarray(
+        from_plane(points)[cKDTree(points[:, :2]).query(points[:, :2], near)[1]].mean(1)
+    )
 
 
 def disparity_errors(points: Array, geometry: RectifiedPair) -> Iterator[Array]:
@@ -206,8 +244,3 @@ def disparity_errors(points: Array, geometry: RectifiedPair) -> Iterator[Array]:
         error = np.zeros_like(points)
         error[:, 2] = inverse_m * (first * second)
         yield error
-
-
-def _thinned(pair: FramePair) -> FramePair:
-    every = slice(None, None, -(-len(pair.a.points) // SETTINGS.max_points))
-    return FramePair(pair.T_a_b, pair.a.chosen(every), pair.b.chosen(every))

@@ -64,6 +64,12 @@ def _divided(derivative: Array, moved: Array, depth: Array) -> Array:
     return np.asarray((rows - moved[:, :, None] * derivative[:, 2:]) / depth[:, :, None])
 
 
+def from_plane(points: Array) -> Array:
+    """(n,) 1 / z of points (n, 3) less that of the plane through them (least squares)."""
+    plane = np.column_stack([points[:, :2], np.ones(len(points))])
+    return np.asarray(points[:, 2] - plane @ np.linalg.lstsq(plane, points[:, 2])[0])
+
+
 def cross(v: Array) -> Array:
     """Make the cross product matrices of vectors: (n, 3, 3)."""
     zero = np.zeros(len(v))

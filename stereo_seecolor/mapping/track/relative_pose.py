@@ -233,12 +233,22 @@ def weighed(moved: Moved, a: Observed, b: Observed) -> tuple[Array, Array, Array
     """(n, 3, 3) the inverse covariance of the difference between points of a and the moved ones of
     b; (n, 3) that times the difference; (n,) its square in standard errors.
     """
+    weight = inverse_covariance(moved, a, b)
+    return weight, *pulled(weight, a.points - moved.points)
+
+
+def inverse_covariance(moved: Moved, a: Observed, b: Observed) -> Array:
+    """(n, 3, 3), of the difference between points of a and the moved ones of b."""
     spread = moved.by_point * b.std[:, None, :]
     covariance = spread @ spread.transpose(0, 2, 1)
     covariance[:, range(3), range(3)] += a.std**2
-    weight, residual = inverses(covariance), a.points - moved.points
+    return inverses(covariance)
+
+
+def pulled(weight: Array, residual: Array) -> tuple[Array, Array]:
+    """(n, 3) residuals times their weights (n, 3, 3); (n,) their squares in standard errors."""
     pull = (weight @ residual[:, :, None])[:, :, 0]
-    return weight, pull, (residual * pull).sum(axis=1)
+    return pull, (residual * pull).sum(axis=1)
 
 
 def _ransac(
