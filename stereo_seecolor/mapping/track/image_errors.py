@@ -96,7 +96,9 @@ def find_image_errors(pairs: Sequence[FramePair], geometry: RectifiedPair) -> Im
     """
     if len(pairs) < SETTINGS.min_pairs:
         return None
-    some = [_Compared.of(pair, geometry) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]]
+    some = [
+        _WeighedPair.of(pair, geometry) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]
+    ]
     none, relief = _left_out(some, NONE), _left_out(some, RELIEF)
     flattened = bool((relief <= SETTINGS.better * none).all())
     used = RELIEF if flattened else NONE
@@ -108,14 +110,14 @@ def find_image_errors(pairs: Sequence[FramePair], geometry: RectifiedPair) -> Im
     return None if used == NONE else ImageErrors(_solve(some, np.zeros(TERMS), used)[0], geometry)
 
 
-def _left_out(pairs: "Sequence[_Compared]", free: slice) -> Array:
+def _left_out(pairs: "Sequence[_WeighedPair]", free: slice) -> Array:
     """(2,) the cost of each half of the pairs with the errors that are fitted to the other half."""
     halves = pairs[::2], pairs[1::2]
     fitted = [_solve(half, np.zeros(TERMS), free)[0] for half in halves]
     return np.array([_solve(halves[1 - k], fitted[k], NONE)[1] for k in range(2)])
 
 
-def _solve(pairs: "Sequence[_Compared]", values: Array, free: slice) -> tuple[Array, float]:
+def _solve(pairs: "Sequence[_WeighedPair]", values: Array, free: slice) -> tuple[Array, float]:
     """Gauss-Newton over the values that are free, and each pair's pose; the values, and the robust
     cost of a point.
     """
@@ -144,7 +146,7 @@ def _solve(pairs: "Sequence[_Compared]", values: Array, free: slice) -> tuple[Ar
 
 
 @dataclass(frozen=True, eq=False)
-class _Compared:
+class _WeighedPair:
     """Two frames' views a, b: (n, 3), the fields (n, 3, k) of all terms there, T_a_b, and the
     weight (n, 3, 3) of their difference.
 
@@ -160,7 +162,7 @@ class _Compared:
     weight: Array
 
     @classmethod
-    def of(cls, pair: FramePair, geometry: RectifiedPair) -> "_Compared":
+    def of(cls, pair: FramePair, geometry: RectifiedPair) -> "_WeighedPair":
         """Of two frames' views, as many of their points as tell."""
         every = slice(None, None, -(-len(pair.a.points) // SETTINGS.max_points))
         a, b = pair.a.chosen(every), pair.b.chosen(every)
@@ -183,7 +185,7 @@ class _ImageErrorNormal:
     cost: float
 
 
-def _normal(pair: _Compared, T: Array, values: Array, free: slice) -> _ImageErrorNormal:
+def _normal(pair: _WeighedPair, T: Array, values: Array, free: slice) -> _ImageErrorNormal:
     moved = move(T, pair.b - pair.field_b @ values)
     pull, squared = pulled(pair.weight, pair.a - pair.field_a @ values - moved.points)
     ratio = squared / POSE.outlier_sigmas**2
