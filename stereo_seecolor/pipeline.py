@@ -220,7 +220,7 @@ class Pipeline:
         with clock("match"):
             range_map = self.matcher.match(rectified)
             range_map = self.check_pair(rectified.name, range_map, partial(self.read, pair))
-            range_map = without_particles(rectified, range_map)
+            range_map = without_particles(rectified, range_map, self.config.matching.fill)
         upright = self.rectification.upright
         with clock("rectify"):
             return response.standard(upright(rectified.left)), range_map.each(upright)
@@ -291,7 +291,7 @@ class Pipeline:
         with clock("match"):
             range_map = (match or self.matcher.match)(rectified)
             range_map = self.check_pair(frame.name, range_map, lambda: frame)
-            range_map = without_particles(rectified, range_map)
+            range_map = without_particles(rectified, range_map, self.config.matching.fill)
         upright = self.rectification.upright
         with clock("rectify"):
             left, right = upright(rectified.left), upright(rectified.right)

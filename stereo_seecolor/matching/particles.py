@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from stereo_seecolor.matching.disparity import UNKNOWN
 from stereo_seecolor.records import Image, Map, Mask, RangeMap, StereoFrame
 
 
@@ -38,13 +39,13 @@ class ParticleLimits:
 LIMITS = ParticleLimits()
 
 
-def without_particles(frame: StereoFrame, found: RangeMap) -> RangeMap:
-    """Mark the ranges of pixels that show a particle as filled in: they are those of the surface
-    behind it.
+def without_particles(frame: StereoFrame, found: RangeMap, fill: bool) -> RangeMap:
+    """Take the ranges of pixels that show a particle out: they are those of the surface behind it.
 
     Args:
         frame: The rectified pair, uint8 or uint16.
         found: Its range map.
+        fill: Whether these pixels keep their ranges, marked as filled in; else they are unknown.
 
     Returns:
         The range map, in which these pixels have no confidence and no standard error.
@@ -53,12 +54,16 @@ def without_particles(frame: StereoFrame, found: RangeMap) -> RangeMap:
     where = _particles(_gray(frame.left), _gray(frame.right), found.disparity, measured)
     if not where.any():
         return found
-    return replace(
+    values = found.disparity, found.depth_m, found.range_m, found.range_std_m
+    disparity, depth_m, range_m, range_std_m = (np.where(where, UNKNOWN, one) for one in values)
+    found = replace(
         found,
         confidence=np.where(where, np.float32(0), found.confidence),
-        range_std_m=np.where(where, np.float32(np.nan), found.range_std_m),
-        filled=found.filled | where,
+        range_std_m=range_std_m,
     )
+    if fill:
+        return replace(found, filled=found.filled | where)
+    return replace(found, disparity=disparity, depth_m=depth_m, range_m=range_m)
 
 
 def _particles(left: Map, right: Map, disparity: Map, measured: Mask) -> Mask:

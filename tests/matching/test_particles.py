@@ -57,15 +57,18 @@ def test_bright_spots_of_the_left_image_alone_are_not_measured(depth, right_ligh
     whole = surface(rng, SIZE[1] + SHIFT)
     left, right = whole[:, : SIZE[1]], right_light * whole[:, SHIFT:]
     added = spots(rng)
-    found = without_particles(frame(left + 120 * added[..., None], right, depth), ranges())
-    clear, rest = added > 0.3, added < 0.01
+    pair = frame(left + 120 * added[..., None], right, depth)
+    found, whole_map = (without_particles(pair, ranges(), fill) for fill in (False, True))
+    clear, rest, gone = added > 0.3, added < 0.01, found.confidence == 0
     assert clear.sum() > 200
-    assert found.filled[clear].mean() > 0.9
-    assert found.filled[rest].mean() < 0.001
-    assert not found.confidence[found.filled].any()
-    assert np.isnan(found.range_std_m[found.filled]).all()
-    assert np.isfinite(found.range_std_m[~found.filled]).all()
-    np.testing.assert_array_equal(found.range_m, ranges().range_m)
+    assert gone[clear].mean() > 0.9
+    assert gone[rest].mean() < 0.001
+    for values in (found.disparity, found.depth_m, found.range_m, found.range_std_m):
+        np.testing.assert_array_equal(np.isnan(values), gone)
+    assert not found.filled.any()
+    np.testing.assert_array_equal(whole_map.filled, gone)
+    np.testing.assert_array_equal(whole_map.range_m, ranges().range_m)
+    np.testing.assert_array_equal(np.isnan(whole_map.range_std_m), gone)
 
 
 def test_a_pair_without_particles_is_returned_as_it_is() -> None:
@@ -75,7 +78,7 @@ def test_a_pair_without_particles_is_returned_as_it_is() -> None:
     noise = rng.normal(0, 2, (2, *SIZE, 3))
     pair = frame(whole[:, : SIZE[1]] * vignette + noise[0] + 10, whole[:, SHIFT:] + noise[1] + 10)
     plane = ranges()
-    assert without_particles(pair, plane) is plane
+    assert without_particles(pair, plane, fill=False) is plane
 
 
 def test_spots_that_both_cameras_see_on_the_surface_are_measured() -> None:
@@ -83,16 +86,16 @@ def test_spots_that_both_cameras_see_on_the_surface_are_measured() -> None:
     whole = surface(rng, SIZE[1] + SHIFT)
     whole[:, : SIZE[1]] += 100 * spots(rng)[..., None]
     plane = ranges()
-    assert without_particles(frame(whole[:, : SIZE[1]], whole[:, SHIFT:]), plane) is plane
+    pair = frame(whole[:, : SIZE[1]], whole[:, SHIFT:])
+    assert without_particles(pair, plane, fill=False) is plane
 
 
 def test_particles_where_no_range_is_known_stay_unknown() -> None:
     rng = np.random.default_rng(4)
     whole = surface(rng, SIZE[1] + SHIFT)
     added = spots(rng)
-    found = without_particles(
-        frame(whole[:, : SIZE[1]] + 120 * added[..., None], whole[:, SHIFT:]), ranges(0.5)
-    )
+    pair = frame(whole[:, : SIZE[1]] + 120 * added[..., None], whole[:, SHIFT:])
+    found = without_particles(pair, ranges(0.5), fill=True)
     unknown = np.isnan(ranges(0.5).disparity)
     assert found.filled.any() and not found.filled[unknown].any()
 
