@@ -218,12 +218,19 @@ class Pipeline:
             rectified = self.rectify(raw)
         del raw  # read again in the rare case that the check asks for it
         with clock("match"):
-            range_map = self.matcher.match(rectified)
-            range_map = self.check_pair(rectified.name, range_map, partial(self.read, pair))
-            range_map = without_particles(rectified, range_map, self.config.matching.fill)
+            range_map = self._ranges(rectified, self.matcher.match, partial(self.read, pair))
         upright = self.rectification.upright
         with clock("rectify"):
             return response.standard(upright(rectified.left)), range_map.each(upright)
+
+    def _ranges(
+        self, rectified: StereoFrame, match: Match, raw: Callable[[], StereoFrame]
+    ) -> RangeMap:
+        """The range map of a rectified pair that shows one scene, without particles. raw: returns
+        the unrectified pair.
+        """
+        found = self.check_pair(rectified.name, match(rectified), raw)
+        return without_particles(rectified, found, self.config.matching.fill)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
         """Rectify both images onto one plane, with the baseline along +x.
@@ -289,9 +296,7 @@ class Pipeline:
         with clock("rectify"):
             rectified = self.rectify(frame)
         with clock("match"):
-            range_map = (match or self.matcher.match)(rectified)
-            range_map = self.check_pair(frame.name, range_map, lambda: frame)
-            range_map = without_particles(rectified, range_map, self.config.matching.fill)
+            range_map = self._ranges(rectified, match or self.matcher.match, lambda: frame)
         upright = self.rectification.upright
         with clock("rectify"):
             left, right = upright(rectified.left), upright(rectified.right)
