@@ -152,7 +152,7 @@ class _MapFiles:
                 finer = _taken(painted, tile["finer"])
                 painted[tile_name] = _around(tile, finer)
                 yield f"{tile_name}.js", script("textured", tile_name, parts, finer)
-            if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
+            if len(about["pieces"]) == 1:  # else several pieces show the whole map at first
                 ((_, piece),) = made[-1].tiles()
                 (entry,) = about["pieces"].values()
                 painted["whole"] = entry | {"finer": sorted(painted)}
