@@ -124,6 +124,7 @@ class _MapFiles:
         path = self.made.folder / MESH
         mesh = MeshSource.open(path) if path.is_file() else None
         if mesh is not None and len(mesh.triangles):
+            return_freed()
             yield from self._mesh(about, mesh)
             return_freed()
         if self.has_mosaic:
