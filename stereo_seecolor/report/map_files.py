@@ -124,6 +124,7 @@ class _MapFiles:
         path = self.made.folder / MESH
         mesh = MeshSource.open(path) if path.is_file() else None
         if mesh is not None and len(mesh.triangles):
+            return_freed()
             yield from self._mesh(about, mesh)
             return_freed()
         if self.has_mosaic:
@@ -152,7 +153,7 @@ class _MapFiles:
                 finer = _taken(painted, tile["finer"])
                 painted[tile_name] = _around(tile, finer)
                 yield f"{tile_name}.js", script("textured", tile_name, parts, finer)
-            if len(made[-1].boxes) == 1:  # else several pieces show the whole map at first
+            if len(about["pieces"]) == 1:  # else several pieces show the whole map at first
                 ((_, piece),) = made[-1].tiles()
                 (entry,) = about["pieces"].values()
                 painted["whole"] = entry | {"finer": sorted(painted)}

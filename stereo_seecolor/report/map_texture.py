@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import RIM_SHADE, SIZES, Piece, box, packed_surface
 from stereo_seecolor.report.mesh_code import Walk
@@ -75,6 +76,7 @@ def textured_tiles(posed: PosedRun, levels: Sequence[Level], voxel_m: float) -> 
             "finer": [_name(level - 1, each) for each in finer],
         }
         yield _name(level, place), entry, parts
+        return_freed()  # pictures that are kept lie between what a tile freed
 
 
 def _in_order(level: int, place: Place) -> Iterator[tuple[int, Place]]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.ply import let_go
 from stereo_seecolor.report.map_images import Box, TerrainImages
 from stereo_seecolor.report.map_mesh import Piece
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -61,15 +62,16 @@ class RawMosaic:
                 points_m = _points(terrain, box, posed.offset_m)
                 if np.isfinite(points_m[..., 2]).any():
                     rgba[top : top + box[3], left : left + box[2]] = views.paint(points_m)
+                    let_go(rgba)
         return cls(rgba, terrain)
 
     def read(self, box: Box, size: tuple[int, int]) -> NDArray[np.uint8]:
         """A box resized to ``size``, for ``pyramid``."""
         left, top, width, height = box
-        part = self.rgba[top : top + height, left : left + width]
-        return np.asarray(
-            cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8
-        )
+        part = np.ascontiguousarray(self.rgba[top : top + height, left : left + width])
+        reduced = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+        let_go(self.rgba)
+        return np.asarray(reduced, np.uint8)
 
     def colors_of(self, piece: Piece, offset_m: list[float]) -> NDArray[np.uint8]:
         """(N, 3) the colors of a piece's vertices; gray where no frame sees them."""
@@ -78,7 +80,8 @@ class RawMosaic:
         y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
         columns = np.clip(x.astype(int), 0, about["width"] - 1)
         rows = np.clip(y.astype(int), 0, about["height"] - 1)
-        found = self.rgba[rows, columns]
+        found = np.asarray(self.rgba[rows, columns])
+        let_go(self.rgba)
         return np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
 
 

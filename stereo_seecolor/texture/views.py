@@ -43,40 +43,43 @@ LIMITS = TextureLimits()
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A corrected image, image (H, W, 3); the same without what is finer than some pixels, soft
-    (H / 2, W / 2, 3); its measured ranges, range_m (H, W), NaN where there are none; and how sharp
-    it is.
+    (H / 2, W / 2, 3); and how sharp it is.
     """
 
     image: NDArray[np.uint8]
     soft: NDArray[np.uint8]
-    range_m: Map
     sharpness: float
 
 
 SOFT_PX = 2.0
 """Before colors of views are compared: they may be off by a pixel or two."""
-KEPT_BYTES = 300_000_000
-"""Of pictures in memory: neighboring places share them."""
+PICTURE_BYTES, RANGE_BYTES = 100_000_000, 20_000_000
+"""In memory, of pictures, which neighboring places and the steps of a tile share, and of range
+maps, which only the choice of views looks at, and which are read in half of the time.
+"""
 
 
 class Views:
-    """The corrected images of a run; the last ones are kept. Any thread may ask for them.
+    """The corrected images of a run and their measured ranges (H, W), NaN where there are none; the
+    last ones are kept. Any thread may ask for them. Raise InputError if a file is gone or damaged.
 
     unreadable: messages of frames with a file that is gone or damaged; they show nothing.
     """
 
     def __init__(self, posed: PosedRun) -> None:
         self.posed, self.unreadable = posed, dict[int, str]()
-        width, height = posed.geometry.image_size
-        # of a function, not of a method: pictures are freed with the views
-        self.picture = lru_cache(max(4, KEPT_BYTES // (8 * width * height)))(partial(_read, posed))
+        pixels = int(np.prod(posed.geometry.image_size))
+        # of functions, not of methods: pictures are freed with the views
+        self.picture = lru_cache(max(4, PICTURE_BYTES // (4 * pixels)))(partial(_picture, posed))
+        self.range_m = lru_cache(max(4, RANGE_BYTES // (4 * pixels)))(partial(_range_m, posed))
         self._reaches_m = dict[int, float]()
 
     def reach_m(self, number: int) -> float:
         """The largest range that a frame measured; 0 without any, and if it is unreadable."""
         if number not in self._reaches_m:
             try:
-                range_m = self.picture(number).range_m
+                self.picture(number)
+                range_m = self.range_m(number)
             except InputError as error:
                 self.unreadable[number], range_m = str(error), np.zeros(0, np.float32)
             self._reaches_m[number] = float(np.fmax.reduce(range_m, axis=None, initial=0))
@@ -107,14 +110,16 @@ class Views:
         return np.asarray(pixels[:, :2] / pixels[:, 2:])
 
 
-def _read(posed: PosedRun, number: int) -> Picture:
-    """Raises InputError if a file is gone or damaged."""
-    frame = posed.frames[number]
-    image = eight_bit(frame.read("corrected"))
+def _range_m(posed: PosedRun, number: int) -> Map:
+    return posed.measured_range_m(posed.frames[number])
+
+
+def _picture(posed: PosedRun, number: int) -> Picture:
+    image = eight_bit(posed.frames[number].read("corrected"))
     half = [-(-side // 2) for side in image.shape[1::-1]]
     soft = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
     soft = np.asarray(cv2.GaussianBlur(soft, (0, 0), SOFT_PX / 2), np.uint8)
-    return Picture(image, soft, posed.measured_range_m(frame), _sharpness(image))
+    return Picture(image, soft, _sharpness(image))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +149,7 @@ def candidates(views: Views, surface: PaintedSurface) -> Candidates:
         rate(
             (surface.position, surface.triangles, surface.color, surface.bound_m),
             (views.posed.geometry.P_left @ views.posed.T_camera_map[number, :3], eye),
-            (seen.range_m, seen.soft, seen.sharpness),
+            (views.range_m(number), seen.soft, seen.sharpness),
             (LIMITS.same_range, LIMITS.border_px, LIMITS.corner_loss, LIMITS.color_std),
             number,
             view,

@@ -2,6 +2,7 @@
 residuals teach of the ranges.
 """
 
+import tracemalloc
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -342,3 +343,34 @@ def test_points_seen_once_do_not_exist() -> None:
     found = observations(scene.features, scene.relations, MOST)
     assert isinstance(found, TrackObservations)
     assert found.views.min() >= 2
+
+
+def test_sums_over_observations_are_gone_before_the_equations_are_made() -> None:
+    frames, each, views = 240, 600, 12
+    rng = np.random.default_rng(3)
+    points = frames * each // views
+    point = np.repeat(np.arange(points), views)
+    frame = ((7 * point + rng.integers(0, frames // views, len(point))) % frames).astype(np.int64)
+    frame = (frame + np.tile(np.arange(views), points) * (frames // views)) % frames
+    seen = np.column_stack([rng.uniform(-0.3, 0.3, (len(point), 2)), np.full(len(point), 0.5)])
+    weight = np.full(seen.shape, 1e3)
+    problem = BundleProblem(
+        np.arange(frames),
+        point,
+        frame,
+        seen,
+        weight,
+        seen[:, 2],
+        [Prior(0, np.eye(4), np.ones(3), 1.0)],
+        [],
+    )
+    T = np.broadcast_to(np.eye(4), (frames, 4, 4))
+    state = bundle_problem.State(T, problem.first_places(T))
+    problem.linearize(state)  # makes what the problem keeps
+    tracemalloc.start()
+    step = problem.linearize(state)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    stays = (step.W, step.V, step.own_g, step.blocks.diagonal, step.blocks.below)
+    sums = 8 * (3 * 3 + 3) * len(point)
+    assert peak < sum(array.nbytes for array in stays) + sums

@@ -19,6 +19,7 @@ from plane_decoder import bytes_of, decoded, script_values
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.files.ply import header, read_triangles, read_vertices
 from stereo_seecolor.mapping.surface.small_holes import boundary, closed
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.report.height_code import coded_heights
@@ -27,6 +28,7 @@ from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
 from stereo_seecolor.report.mesh_code import Walk
 from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, cluster_vertices
 from stereo_seecolor.report.mesh_levels import levels as made_levels
+from stereo_seecolor.run_folder.layout import MESH
 
 
 def hills(count: int = 60, seed: int = 0) -> Piece:
@@ -399,6 +401,29 @@ def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
     }
     assert len(found) > 10
     assert found == {path.name for path in folder.glob("*.js")} - {"map.js"}
+
+
+@pytest.mark.slow
+def test_a_scrap_that_no_coarser_level_shows_stays_a_piece_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+    out = write_map(tmp_path / "out", flat_frames(3), "prior")
+    path = out / "map" / MESH
+    vertices, faces = np.array(read_vertices(path)), np.array(read_triangles(path))
+    scrap = np.resize(vertices, 3)
+    corner_m = vertices["position"].max(axis=0) + 0.5
+    scrap["position"] = corner_m + 1e-4 * np.eye(3)
+    face = np.resize(faces, 1)
+    face["indices"] = len(vertices) + np.arange(3)
+    vertices, faces = np.append(vertices, scrap), np.append(faces, face)
+    head = header("", vertices.dtype, len(vertices), len(faces))
+    path.write_bytes(head + vertices.tobytes() + faces.tobytes())
+    report(out)
+    (about,) = script_values(out / "page/map/map.js")
+    beyond = [each["low_m"][0] > corner_m[0] - 0.1 for each in about["pieces"].values()]
+    assert sorted(beyond) == [False, True]
+    assert not (out / "page/map/whole.js").exists()
 
 
 @pytest.mark.slow

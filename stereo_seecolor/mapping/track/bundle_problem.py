@@ -2,7 +2,7 @@
 observations and all that is known.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, TypeVar
@@ -31,7 +31,8 @@ ROWS = 32
 take some 20 MB, those of all frames would take more than all else.
 """
 SLICE = 10_000
-"""Observations that are taken off the frames' equations at once, for the same reason."""
+"""Observations whose products with moves of frames or points are made at once, for the same reason.
+"""
 BEHIND = 1e6
 """Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one
 there looks better.
@@ -144,8 +145,11 @@ class BundleProblem:
         """Set up the equations of a step: points are eliminated, but for those of which something
         is known. damping: by which the diagonal is larger (Marquardt).
         """
+        of_frames, W, V, g = self._of_frames(state, damping)
         blocks = self._layout.zeros()
-        W, V, g = self._add_frames(blocks, state, damping)
+        for frame, (H, right) in enumerate(of_frames):
+            blocks.add(frame, frame, H)
+            blocks.add_right(frame, right)
         kept = np.flatnonzero(self._own >= 0)
         self._add_kept(blocks, kept, W, V, g)
         V = inverses(V)
@@ -155,16 +159,18 @@ class BundleProblem:
         self._add_known(blocks, state)
         return Linearized(blocks, W, V, g)
 
-    def _add_frames(
-        self, blocks: FrameBlocks, state: State, damping: float
-    ) -> tuple[Array, Array, Array]:
-        """The equations of the frames; returns W (n, 3, 6), as in Linearized, the points' own
-        blocks (m, 3, 3) and right sides (m, 3).
+    def _of_frames(
+        self, state: State, damping: float
+    ) -> tuple[list[tuple[Array, Array]], Array, Array, Array]:
+        """Each frame's own block (6, 6) and right side (6,); W (n, 3, 6), as in Linearized, the
+        points' own blocks (m, 3, 3) and right sides (m, 3).
         """
-        n = len(self.frame)
-        W, own, own_g = np.empty((n, 3, SIDE)), np.empty((n, 3, 3)), np.empty((n, 3))
+        n, points = len(self.frame), len(self.start) - 1
+        # what stays before what goes: the frames' equations take the place of that
+        W, V, g = np.empty((n, 3, SIDE)), np.empty((points, 3, 3)), np.empty((points, 3))
+        own, own_g = np.empty((n, 3, 3)), np.empty((n, 3))
 
-        def work(one: _FrameSightings) -> None:
+        def work(one: _FrameSightings) -> tuple[Array, Array]:
             by_pose, by_point = one.slopes()
             robust = (1 / (1 + one.squared / CAUCHY**2))[:, None, None]
             pull = (robust * by_point).transpose(0, 2, 1)
@@ -173,13 +179,13 @@ class BundleProblem:
             rows, weighted = by_pose.reshape(-1, SIDE), (robust * by_pose).reshape(-1, SIDE)
             H = weighted.T @ rows
             H[np.diag_indices(SIDE)] *= 1 + damping
-            blocks.add(one.frame, one.frame, H)
-            blocks.add_right(one.frame, weighted.T @ one.off.ravel())
+            return H, weighted.T @ one.off.ravel()
 
-        self._each_frame(state, work)
-        V, g = np.add.reduceat(own, self.start[:-1]), np.add.reduceat(own_g, self.start[:-1])
+        of_frames = self._each_frame(state, work)
+        np.add.reduceat(own, self.start[:-1], out=V)
+        np.add.reduceat(own_g, self.start[:-1], out=g)
         V[:, range(3), range(3)] *= 1 + damping
-        return W, V, g
+        return of_frames, W, V, g
 
     def moved(self, state: State, step: Linearized) -> State:
         """Move poses and points by the solution of the equations. Raises LinAlgError where they are
@@ -187,7 +193,9 @@ class BundleProblem:
         """
         moves = step.blocks.solve()
         of_frames = np.ascontiguousarray(moves[: len(self.frames)])
-        taken = (step.W @ of_frames[self.frame][:, :, None])[:, :, 0]
+        taken = np.empty((len(self.frame), 3))
+        for some in self._slices():
+            taken[some] = (step.W[some] @ of_frames[self.frame[some]][:, :, None])[:, :, 0]
         left = step.own_g - np.add.reduceat(taken, self.start[:-1])
         points = (step.V @ left[:, :, None])[:, :, 0]
         kept = np.flatnonzero(self._own >= 0)
@@ -213,13 +221,16 @@ class BundleProblem:
         self._each_frame(state, work)
         own_g = np.add.reduceat(own, self.start[:-1])
         points = step.V @ own_g[:, :, None]
-        for first in range(0, len(own), SLICE):
-            some = slice(first, first + SLICE)
+        for some in self._slices():
             taken = step.W[some].transpose(0, 2, 1) @ points[self.point[some]]
             np.subtract.at(right, self.frame[some], taken[:, :, 0])
         kept = np.flatnonzero(self._own >= 0)
         right[self._own[kept], :3] = own_g[kept]
         return step.blocks.solve_for(right)[: len(self.frames)]
+
+    def _slices(self) -> Iterator[slice]:
+        """Observations, SLICE at a time."""
+        return (slice(first, first + SLICE) for first in range(0, len(self.frame), SLICE))
 
     def _each_frame(
         self, state: State, work: "Callable[[_FrameSightings], Result]"

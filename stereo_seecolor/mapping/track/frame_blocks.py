@@ -146,12 +146,10 @@ class FrameBlocks:
         factors: list[tuple[Array, Array | None]] = []
         for k, own in enumerate(self.diagonal):
             coupling = factors[-1][1] if k else None
+            if coupling is not None:
+                own -= coupling @ coupling.T
             L = own.T  # by columns, as LAPACK has it
-            L[:] = cholesky(
-                own if coupling is None else own - coupling @ coupling.T,
-                lower=True,
-                check_finite=False,
-            )
+            L[:] = cholesky(own, lower=True, check_finite=False)
             if k < len(self.below):
                 self.below[k] = solve_triangular(
                     L, self.below[k].T, lower=True, check_finite=False

@@ -78,6 +78,7 @@ def refined(
         elif part.edges:
             adjusted = _adjusted(T, part)
             T, std = adjusted.T_world_camera, np.where(np.isfinite(adjusted.std), adjusted.std, std)
+    return_freed()
     return replace(
         placement,
         T_world_camera=T,

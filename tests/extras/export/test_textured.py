@@ -18,7 +18,9 @@ from stereo_seecolor.extras.export import tiles_3d
 from stereo_seecolor.extras.export.command import export
 from stereo_seecolor.files.ply import read_triangles
 from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.texture import textured
+from stereo_seecolor.texture.views import Views
 
 FRAMES = 5
 BOX_LOW, BOX_HIGH = np.array([0.3, -0.15, -0.1]), np.array([0.6, 0.15, 0.3])
@@ -130,6 +132,15 @@ def test_the_texture_has_the_colors_and_the_detail_of_the_bottom(
     assert (np.abs(colors - BOX_COLOR).max(axis=1)[bottom] < 60).mean() < 0.002, (
         "the box is not painted onto the bottom behind it"
     )
+
+
+def test_a_picture_is_read_without_its_ranges(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seams and painting need none."""
+    views = Views(open_posed_run(fused))
+    monkeypatch.setattr(PosedRun, "measured_range_m", None)
+    assert views.picture(0).image.shape == (*PAIR.image_size[::-1], 3)
+    with pytest.raises(TypeError):
+        views.range_m(0)
 
 
 @pytest.mark.slow
