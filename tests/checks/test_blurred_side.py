@@ -1,14 +1,19 @@
-"""A side that is out of focus is named, with the blur in pixels."""
+"""A side that is out of focus is named, with the blur in pixels, and a map knows of it."""
 
 import csv
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from conftest import Dive
 
 from stereo_seecolor.checks.blurred_side import blurred_side_notes
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.kept_frames import KeptFrames
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 
 @pytest.mark.parametrize(
@@ -41,3 +46,8 @@ def test_a_run_names_the_side_that_is_out_of_focus(
     with (tmp_path / "out" / "frames.csv").open() as file:
         values = [float(row["right_sharpness"]) for row in csv.DictReader(file)]
     assert max(values) < 0.7
+    frames = SurveyFrames(open_run(tmp_path / "out"))
+    kept = KeptFrames(frames, tmp_path / "kept")
+    for _ in range(2):  # as they are read from the run, and as they are kept
+        less_sharp = FrameIndex.build(kept, frames.geometry).less_sharp
+        assert less_sharp == ("right", pytest.approx(np.median(values), rel=1e-4))

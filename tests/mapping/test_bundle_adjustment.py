@@ -28,6 +28,7 @@ from stereo_seecolor.mapping.track.placement_refinement import RefinementSetting
 from stereo_seecolor.mapping.track.pose_graph import Prior, solve
 from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose
 from stereo_seecolor.mapping.track.shared_points import Relation, TrackObservations, observations
+from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
 Array = NDArray[np.float64]
 MOST = 1_000_000
@@ -207,6 +208,17 @@ def test_relief_that_windows_flatten_is_in_the_standard_errors() -> None:
     assert off == pytest.approx(stated, rel=0.4)
 
 
+def test_standard_errors_by_relief_are_larger_where_a_side_is_blurred() -> None:
+    scene = line(STATED * [1, 1, 0.2], frames=4)
+    problem = problem_of(scene)
+    problem = replace(problem, near=1.1 * problem.near)
+    sharp, blurred = (
+        adjust(scene.T, problem, GEOMETRY, LessSharpSide("right", contrast)).std[-1, 0]
+        for contrast in (1.0, 0.25)
+    )
+    assert blurred > 2 * sharp
+
+
 def test_relief_no_larger_than_noise_may_be_smoothed_away() -> None:
     """All of it at most, and nothing of a plane."""
     scene = line(STATED * [1, 1, 0.01], frames=3)
@@ -297,7 +309,7 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
         relations = scene.relations
         start = by_pose_graph(scene, relations)
         edges = [Edge(i, j, r.T_a_b, r.covariance, len(r.index_a)) for (i, j), r in relations]
-        index = SimpleNamespace(rank=np.arange(16), order=np.arange(16))
+        index = SimpleNamespace(rank=np.arange(16), order=np.arange(16), less_sharp=EQUALLY_SHARP)
         survey = SimpleNamespace(index=index, geometry=GEOMETRY, progress=lambda *_: None)
         track = odometry.Track(survey, scene.features, edges, found=dict(relations))  # type: ignore[arg-type]
         placement, found = Placement(start, np.zeros(16, np.int64)), []
