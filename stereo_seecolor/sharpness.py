@@ -7,7 +7,7 @@ import numpy as np
 
 BLURRED = 0.85
 """Of the sharper side's contrast: one with less is blurred, by 0.7 pixels or more. Sides of a real
-rig and of drawn ones, with noise, snow or dirt, have 0.93 and more in each frame."""
+rig and of drawn ones, with noise, snow or dirt, have 0.91 and more in each frame."""
 
 
 class LessSharpSide(NamedTuple):

@@ -22,6 +22,7 @@ def blurred_side_notes(facts: Sequence[Mapping[str, float]]) -> tuple[str, ...]:
     return (
         f"input: the {found.side} images are less sharp than the {other} ones, as by a blur of "
         f"about {blur_px:.1f} px (details have {found.contrast:.0%} of the contrast): ranges have "
-        "less relief, and a track without positions may come out up to 1 % too long: clean the "
-        "port of this camera and set its focus",
+        "less relief, so that a track without positions may come out up to 1 % too long, and "
+        "neighboring pairs may seem to contradict the calibration: clean the port of this camera "
+        "and set its focus",
     )
