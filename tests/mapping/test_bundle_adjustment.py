@@ -326,13 +326,21 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
-def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
+def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Larger ones where a side is blurred, of which the errors of the image know, too."""
     reef = ReefFrames(
         SurveySpec(pairs=8, lines=1, image_size=(320, 256), seed=3, pair_spacing_m=0.3),
         noise_px=0.1,
     )
     frames = [reef[i] for i in range(len(reef))]
-    track = odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair)))
+    index, blurred = FrameIndex.build(frames, reef.pair), LessSharpSide("right", 0.1)
+    sides: list[LessSharpSide] = []
+    monkeypatch.setattr(odometry, "find_image_errors", lambda *given: sides.append(given[2]))
+    of_blurred = odometry.follow(Survey(frames, reef.pair, replace(index, less_sharp=blurred)))
+    assert sides == [blurred]
+    track = replace(of_blurred, survey=Survey(frames, reef.pair, index))
     own = odometry.solve(track, rounds=0)
     better = refined(track, own)
     truth = reef.trajectory.T_world_camera
@@ -347,6 +355,9 @@ def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
     assert better.position_std_m is not None
     assert (np.diff(better.position_std_m) > 0).all()
     assert better.position_std_m[-1] < 0.02
+    less_sure = refined(of_blurred, own).position_std_m
+    assert less_sure is not None
+    assert less_sure[-1] > 1.2 * better.position_std_m[-1]
 
 
 def test_points_seen_once_do_not_exist() -> None:
