@@ -104,6 +104,8 @@ class RangeMap:
         warnings: One line each.
         vertical_px: Vertical offset of the right image below the left one after rectification,
             pixels; NaN if unknown.
+        right_sharpness: Contrast of fine details in the right image over that in the left one;
+            NaN if unknown.
     """
 
     disparity: Map
@@ -114,6 +116,7 @@ class RangeMap:
     filled: Mask
     warnings: tuple[str, ...] = ()
     vertical_px: float = math.nan
+    right_sharpness: float = math.nan
 
     @classmethod
     def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":
@@ -178,6 +181,7 @@ class RangeMap:
             filled,
             self.warnings,
             self.vertical_px,
+            self.right_sharpness,
         )
 
     @classmethod
@@ -302,6 +306,7 @@ class SurveyFrame:
         range_std_m: (H, W) float32, meters.
         confidence: (H, W) uint8, 0..255 for 0..1 as in its file; 0 where unknown.
         unrecoverable: As in ``Correction``; None where it is not known.
+        right_sharpness: As in ``RangeMap``.
     """
 
     name: str
@@ -311,6 +316,7 @@ class SurveyFrame:
     range_std_m: Map
     confidence: NDArray[np.uint8]
     unrecoverable: Mask | None = None
+    right_sharpness: float = math.nan
 
     def scaled(self, scale: float) -> "SurveyFrame":
         """The frame with its ranges multiplied, for a rig whose scale is known better than by

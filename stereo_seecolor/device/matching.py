@@ -96,6 +96,10 @@ class DeviceMatcher(Matcher):
         )
         range_map = self._on_processor(self.ranges(found, left, right))
         warnings = self._warnings(small_left, range_map, repeated, vertical_px)
+        sharpness = diagnostics.right_sharpness(
+            left.cpu().numpy(), right.cpu().numpy(), range_map.disparity
+        )
+        range_map = replace(range_map, right_sharpness=sharpness)
         return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
 
     def _reduced(self, image: Tensor) -> NDArray[np.uint16]:

@@ -16,16 +16,18 @@ def range_facts(range_map: RangeMap) -> dict[str, float]:
     """Numbers of a range map; unknown ones are left out.
 
     coverage: fraction of pixels with a measured range. median_range_m: of those pixels.
-    vertical_px: as in RangeMap.
+    vertical_px, right_sharpness: as in RangeMap.
     """
     measured_m = range_map.measured_m
     facts = {"coverage": float(np.isfinite(measured_m).mean())}
     sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
     known_m = sample_m[np.isfinite(sample_m)]
     facts |= {"median_range_m": float(np.median(known_m))} if known_m.size else {}
-    return facts | (
-        {"vertical_px": range_map.vertical_px} if np.isfinite(range_map.vertical_px) else {}
-    )
+    of_sides = {
+        "vertical_px": range_map.vertical_px,
+        "right_sharpness": range_map.right_sharpness,
+    }
+    return facts | {name: value for name, value in of_sides.items() if np.isfinite(value)}
 
 
 def color_facts(correction: Correction) -> dict[str, float]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from stereo_seecolor.checks.blurred_side import blurred_side_notes
 from stereo_seecolor.checks.changes import LEFT_OUT
 from stereo_seecolor.checks.exchanged_channels import exchanged_channels_notes
 from stereo_seecolor.checks.exposure import recorded_exposure_notes
@@ -105,6 +106,7 @@ def measure_ranges(run: DiveRun) -> DiveRanges:
         capture = recorded_capture(row.facts)
         captures.append(different.setdefault(capture, capture))
     _leave_out_odd(run)
+    run.notes += blurred_side_notes(_range_facts(run))
     run.notes += recorded_exposure_notes(
         captures,
         [pair.timestamp_s for pair in run.pairs],
@@ -120,10 +122,7 @@ def _leave_out_odd(run: DiveRun) -> None:
     rectification, pairs = run.frames.source.rectification, run.good_pairs
     if rectification is None or not run.frames.source.makes_ranges:
         return
-    rows = [run.table.row(pair.name) for pair in pairs]
-    odd = odd_among(
-        rectification, pairs, run.frames.config.input, [row.facts if row else {} for row in rows]
-    )
+    odd = odd_among(rectification, pairs, run.frames.config.input, _range_facts(run))
     if odd.odd:
         run.notes += (f"calibration: {odd.line}",)
         run.frames = replace(
@@ -131,6 +130,12 @@ def _leave_out_odd(run: DiveRun) -> None:
         )
         again = chosen(pairs, lambda pair: pair.name in odd.odd)
         make_pass(run, "ranges", partial(measure_range, run.frames), again)
+
+
+def _range_facts(run: DiveRun) -> list[Mapping[str, float]]:
+    """The facts of each good pair."""
+    rows = (run.table.row(pair.name) for pair in run.good_pairs)
+    return [row.facts if row else {} for row in rows]
 
 
 def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:

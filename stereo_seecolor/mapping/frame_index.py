@@ -21,6 +21,7 @@ from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import Map, SurveyFrame
+from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many are done, how many there are; the text is another for
@@ -58,7 +59,7 @@ class FrameIndex:
     lost: the frames that could not be read, and why. checksums: (N,) of colors and points, to tell
     whether a frame was made again.
     certain: (n,) for each frame, False for points that are too uncertain to make voxels for; ()
-    where all are.
+    where all are. less_sharp: which side of the rig.
     """
 
     names: tuple[str, ...]
@@ -67,6 +68,7 @@ class FrameIndex:
     lost: dict[int, str] = field(default_factory=dict)
     checksums: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     certain: tuple[NDArray[np.bool_], ...] = ()
+    less_sharp: LessSharpSide = EQUALLY_SHARP
 
     @classmethod
     def build(
@@ -83,7 +85,7 @@ class FrameIndex:
 
         Raises OutputError if that disk is full.
         """
-        names, timestamps_s, checksums, certain = [], [], [], []
+        names, timestamps_s, checksums, certain, sharpness = [], [], [], [], []
         points, lost = _PointFile(folder), {}
         work = partial(_indexed, frames, geometry, sampling)
         for number, one in enumerate((compute or Threads(1)).each(work, range(len(frames)))):
@@ -91,6 +93,7 @@ class FrameIndex:
             timestamps_s.append(one.timestamp_s)
             checksums.append(one.checksum)
             certain.append(one.certain)
+            sharpness.append(one.right_sharpness)
             points.append(one.points_m)
             if one.lost is not None:
                 lost[number] = one.lost
@@ -102,6 +105,7 @@ class FrameIndex:
             lost,
             np.array(checksums, np.int64),
             tuple(certain),
+            LessSharpSide.of(sharpness),
         )
 
     def scaled(self, scale: float) -> "FrameIndex":
@@ -166,7 +170,8 @@ class _PointFile(Lazy[NDArray[np.float32]]):
 @dataclass(frozen=True, eq=False)
 class _Indexed:
     """What the index knows of a frame. points_m: (n, 3) in the camera. certain: (n,) which are
-    certain enough to make voxels for. lost: why it cannot be read; None where it can.
+    certain enough to make voxels for. right_sharpness: as in RangeMap. lost: why it cannot be read;
+    None where it can.
     """
 
     name: str
@@ -174,6 +179,7 @@ class _Indexed:
     points_m: NDArray[np.float32]
     certain: NDArray[np.bool_]
     checksum: int
+    right_sharpness: float
     lost: str | None = None
 
 
@@ -184,11 +190,11 @@ def _indexed(
     frame = frames[number]
     if isinstance(frame, Unplaced):
         nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
-        return _Indexed(frame.name, np.nan, *nothing, 0, frame.reason)
+        return _Indexed(frame.name, np.nan, *nothing, 0, np.nan, frame.reason)
     points_m, certain = _coarse_points(frame, geometry, sampling)
     checksum = crc32(frame.color[:: sampling.max_stride_px].tobytes(), crc32(points_m.tobytes()))
     timestamp_s = np.nan if frame.timestamp_s is None else frame.timestamp_s
-    return _Indexed(frame.name, timestamp_s, points_m, certain, checksum)
+    return _Indexed(frame.name, timestamp_s, points_m, certain, checksum, frame.right_sharpness)
 
 
 def _coarse_points(

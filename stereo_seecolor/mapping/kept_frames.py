@@ -75,7 +75,8 @@ def _pixels(frame: SurveyFrame) -> Sequence[NDArray[Any]]:
 
 def _write(path: Path, frame: SurveyFrame) -> None:
     time_s = np.nan if frame.timestamp_s is None else frame.timestamp_s
-    write_arrays(path, [np.array([frame.name]), np.array(time_s), *_pixels(frame)])
+    numbers = np.array([time_s, frame.right_sharpness])
+    write_arrays(path, [np.array([frame.name]), numbers, *_pixels(frame)])
 
 
 def _read(path: Path) -> SurveyFrame | None:
@@ -85,11 +86,10 @@ def _read(path: Path) -> SurveyFrame | None:
     found = read_arrays(path, 7)
     if found is None:
         return None
-    name, time_s, color, range_m, range_std_m, confidence, doubtful = found
+    name, (time_s, right_sharpness), color, range_m, range_std_m, confidence, doubtful = found
     timestamp_s = None if np.isnan(time_s) else float(time_s)
-    frame = SurveyFrame(
-        str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful
-    )
+    maps = color, range_m, range_std_m, confidence, doubtful
+    frame = SurveyFrame(str(name[0]), timestamp_s, *maps, float(right_sharpness))
     # clipped ones are among them: they need not be looked for again
     vars(frame)["color_is_doubtful"] = doubtful
     return frame

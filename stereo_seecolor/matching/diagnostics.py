@@ -40,6 +40,9 @@ class DiagnosticsConstants:
     rows; unshifted rows must have a lower cost than some other shifts.
     vertical_search_px, vertical_px: largest shift of rows that is tested, and the least that causes
     a warning.
+    detail_px, detail_every: half of the width of the details whose contrast tells how sharp an
+    image is, and at which columns and rows it is measured.
+    least_light: added to what contrast is relative to, since black has none.
     """
 
     black: float = 0.02 * FULL_SCALE
@@ -57,6 +60,9 @@ class DiagnosticsConstants:
     vertical_gain: float = 0.05
     vertical_search_px: int = 4
     vertical_px: float = 0.75
+    detail_px: int = 4
+    detail_every: int = 8
+    least_light: float = 0.01 * FULL_SCALE
 
 
 DIAGNOSTICS_CONSTANTS = DiagnosticsConstants()
@@ -224,3 +230,33 @@ def _row_costs(left: Census, right: Census, disparity: Map, most: int) -> NDArra
     shifted = right[y + np.arange(-most, most + 1)[:, None], met]
     differing = np.bitwise_count(left[y, x] ^ shifted)
     return np.asarray(differing.sum(axis=1), np.float64)
+
+
+def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
+    """Compute the contrast of details in the right image over that in the left one at the same
+    points; NaN where none are matched.
+
+    Medians of the contrast along columns, which disparities do not change. Noise adds little to it:
+    0.97 to 1.01 on drawn dives with noise, snow, fish, dirt on one lens or a part of the vehicle in
+    view, 0.92 to 1.04 on a real dive; 0.77, 0.48, 0.31 with right images blurred by 1, 2, 3 pixels.
+    """
+    reach, every = DIAGNOSTICS_CONSTANTS.detail_px, DIAGNOSTICS_CONSTANTS.detail_every
+    height, width = disparity.shape
+    y, x = np.mgrid[reach : height - reach : every, 0:width:every]
+    known = np.isfinite(disparity[y, x])
+    y, x = y[known], x[known]
+    met = np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)
+    if not y.size:
+        return float("nan")
+    of_left, of_right = _detail(left, y, x), _detail(right, y, met)
+    return of_right / of_left if of_left else float("nan")
+
+
+def _detail(image: Gray, y: NDArray[np.int64], x: NDArray[np.int64]) -> float:
+    """Median contrast of pixels with those above and below."""
+    above, here, below = (
+        image[y + step, x].astype(np.float64)
+        for step in (-DIAGNOSTICS_CONSTANTS.detail_px, 0, DIAGNOSTICS_CONSTANTS.detail_px)
+    )
+    light = above + 2 * here + below + DIAGNOSTICS_CONSTANTS.least_light
+    return float(np.median(np.abs(2 * here - above - below) / light))

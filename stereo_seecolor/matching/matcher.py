@@ -198,7 +198,9 @@ class Matcher:
                 maps, disparity=whole, filled=np.isnan(maps.disparity) & np.isfinite(whole)
             )
             list(core_pool().map(lambda rows: maps.measure(self._pair, limits_m, rows), strips))
-        return maps.range_map()
+        found_ranges = maps.range_map()
+        sharpness = diagnostics.right_sharpness(pair.left, pair.right, found_ranges.disparity)
+        return replace(found_ranges, right_sharpness=sharpness)
 
     def _forget_unseen(self, disparity: np.ndarray) -> None:
         if self.seen_left is not None:

@@ -78,4 +78,5 @@ class SurveyFrames(Lazy[SurveyFrame]):
             range_std_m=range_std_m,
             confidence=confidence,
             unrecoverable=frame.read("mask") == MASK_CODES["color not recoverable"],
+            right_sharpness=frame.facts.get("right_sharpness", np.nan),
         )

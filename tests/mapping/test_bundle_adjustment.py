@@ -29,6 +29,7 @@ from stereo_seecolor.mapping.track.placement_refinement import RefinementSetting
 from stereo_seecolor.mapping.track.pose_graph import Prior, solve
 from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose
 from stereo_seecolor.mapping.track.shared_points import Relation, TrackObservations, observations
+from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
 Array = NDArray[np.float64]
 MOST = 1_000_000
@@ -208,6 +209,17 @@ def test_relief_that_windows_flatten_is_in_the_standard_errors() -> None:
     assert off == pytest.approx(stated, rel=0.4)
 
 
+def test_standard_errors_by_relief_are_larger_where_a_side_is_blurred() -> None:
+    scene = line(STATED * [1, 1, 0.2], frames=4)
+    problem = problem_of(scene)
+    problem = replace(problem, near=1.1 * problem.near)
+    sharp, blurred = (
+        adjust(scene.T, problem, GEOMETRY, LessSharpSide("right", contrast)).std[-1, 0]
+        for contrast in (1.0, 0.25)
+    )
+    assert blurred > 2 * sharp
+
+
 def test_relief_no_larger_than_noise_may_be_smoothed_away() -> None:
     """All of it at most, and nothing of a plane."""
     scene = line(STATED * [1, 1, 0.01], frames=3)
@@ -298,7 +310,7 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
         relations = scene.relations
         start = by_pose_graph(scene, relations)
         edges = [Edge(i, j, r.T_a_b, r.covariance, len(r.index_a)) for (i, j), r in relations]
-        index = SimpleNamespace(rank=np.arange(16), order=np.arange(16))
+        index = SimpleNamespace(rank=np.arange(16), order=np.arange(16), less_sharp=EQUALLY_SHARP)
         survey = SimpleNamespace(index=index, geometry=GEOMETRY, progress=lambda *_: None)
         track = odometry.Track(survey, scene.features, edges, found=dict(relations))  # type: ignore[arg-type]
         placement, found = Placement(start, np.zeros(16, np.int64)), []
@@ -315,13 +327,21 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
-def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
+def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Larger ones where a side is blurred, of which the errors of the image know, too."""
     reef = ReefFrames(
         SurveySpec(pairs=8, lines=1, image_size=(320, 256), seed=3, pair_spacing_m=0.3),
         noise_px=0.1,
     )
     frames = [reef[i] for i in range(len(reef))]
-    track = odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair)))
+    index, blurred = FrameIndex.build(frames, reef.pair), LessSharpSide("right", 0.1)
+    sides: list[LessSharpSide] = []
+    monkeypatch.setattr(odometry, "find_image_errors", lambda *given: sides.append(given[2]))
+    of_blurred = odometry.follow(Survey(frames, reef.pair, replace(index, less_sharp=blurred)))
+    assert sides == [blurred]
+    track = replace(of_blurred, survey=Survey(frames, reef.pair, index))
     own = odometry.solve(track, rounds=0)
     better = refined(track, own)
     truth = reef.trajectory.T_world_camera
@@ -336,6 +356,9 @@ def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
     assert better.position_std_m is not None
     assert (np.diff(better.position_std_m) > 0).all()
     assert better.position_std_m[-1] < 0.02
+    less_sure = refined(of_blurred, own).position_std_m
+    assert less_sure is not None
+    assert less_sure[-1] > 1.2 * better.position_std_m[-1]
 
 
 def test_points_seen_once_do_not_exist() -> None:

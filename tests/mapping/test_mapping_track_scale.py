@@ -32,6 +32,7 @@ from stereo_seecolor.mapping.track.relative_pose import fit_pose
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.sharpness import LessSharpSide
 
 PAIR = RectifiedPair(400.0, 160.0, 160.0, 128.0, 0.1, (320, 256))
 
@@ -254,6 +255,28 @@ def test_flattened_relief_is_found_and_not_taken_for_the_lens() -> None:
     assert errors is not None
     assert errors.values[0] == pytest.approx(0.1, abs=0.03)
     assert not errors.values[1:].any()
+
+
+def test_where_a_side_is_blurred_a_lens_takes_more_evidence() -> None:
+    """What no fraction of relief describes looked like a lens that is off by up to 2.6 px."""
+    little, much = views(0.3, 0.2), views(1.5, 0.8)
+    sharp, blurred = LessSharpSide("right", 0.95), LessSharpSide("right", 0.5)
+    for pairs, side, corner_px in (
+        (little, sharp, 0.3),
+        (little, blurred, 0),
+        (much, blurred, 1.5),
+    ):
+        errors = find_image_errors(pairs, PAIR, side)
+        assert errors is not None
+        assert errors.values[1] == pytest.approx(corner_px, abs=0.15)
+
+
+def test_where_a_side_is_blurred_relief_is_unflattened_without_evidence() -> None:
+    pairs = views(0.0, 0.0, flattened=0.01)
+    assert find_image_errors(pairs, PAIR) is None
+    errors = find_image_errors(pairs, PAIR, LessSharpSide("left", 0.5))
+    assert errors is not None
+    assert errors.values[0] == pytest.approx(0.01, abs=0.005)
 
 
 def test_a_true_lens_is_left_alone() -> None:

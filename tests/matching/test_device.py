@@ -196,6 +196,7 @@ def test_ranges_are_those_of_the_compiled_matcher():
     assert np.abs(wanted.confidence - found.confidence)[known & also].max() < 0.05
     assert found.warnings == wanted.warnings
     assert found.vertical_px == pytest.approx(wanted.vertical_px, abs=1e-6)
+    assert found.right_sharpness == pytest.approx(wanted.right_sharpness, abs=1e-3)
 
 
 @pytest.mark.slow

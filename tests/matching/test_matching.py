@@ -335,6 +335,26 @@ def test_the_vertical_disparity_of_a_frame_is_measured_below_a_pixel(shift_px: f
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("side", "blur_px", "wanted"),
+    [("right", 0.0, 1.0), ("right", 1.0, 0.77), ("right", 2.0, 0.48), ("left", 2.0, 1 / 0.48)],
+)
+def test_the_side_that_is_less_sharp_is_measured(side: str, blur_px: float, wanted: float) -> None:
+    """Noise of the camera comes after the lens."""
+    exact = scene(noise=0.0)
+    images = {"left": exact.frame.left, "right": exact.frame.right}
+    if blur_px:
+        images[side] = cv2.GaussianBlur(images[side], (0, 0), blur_px)
+    noise = np.random.default_rng(0).normal(0, 1.5, (2, *images["left"].shape))
+    noisy = [
+        np.clip(np.rint(image + more), 0, 255).astype(np.uint8)
+        for image, more in zip(images.values(), noise, strict=True)
+    ]
+    found = match(swapped(exact, *noisy))
+    assert found.right_sharpness == pytest.approx(wanted, rel=0.15)
+
+
+@pytest.mark.slow
 def test_unrelated_images_give_next_to_nothing() -> None:
     found = match(swapped(scene(), scene().frame.left, scene(seed=4).frame.right[::-1]))
     assert np.isfinite(found.range_m).mean() < 0.05

@@ -17,7 +17,7 @@ from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
 from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
-from stereo_seecolor.mapping.raster.noise import CORRECTION_SETTINGS, noise_bias, spread_of
+from stereo_seecolor.mapping.raster.noise import peaks, spread_of
 from stereo_seecolor.mapping.raster.sides import sides_seen
 
 Array = NDArray[np.float64]
@@ -30,7 +30,8 @@ class ColonySize:
 
     planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
     surface_m2: of planes through 3x3 cells. mesh_m2: of the mesh, noise and overhangs included.
-    height_m: of the highest place above the plane through the rim, without what noise adds.
+    height_m: of the highest place above the plane through the rim, without what noise adds and
+    smoothing takes.
     volume_l: above that plane; NaN where it is not positive. rugosity: surface over planar area.
     The page and ``measure`` state the same areas and the same volume.
     """
@@ -98,7 +99,7 @@ def measure_outlines(
     sides = sides_seen(terrain.height_m, mesh_m2, grid.cell_m, ground.gap_m)
     ground = replace(ground, sides=sides)
     correlation_m = errors.correlation_m if alike_m is None else alike_m
-    heights_m, height_stds_m = _without_noise(by_terrain, terrain, errors)
+    heights_m, height_stds_m = _peaks(by_terrain, terrain, errors)
     colonies: list[Colony | None] = [None] * len(outlines)
     for i, height_m, height_std in zip(seen, heights_m, height_stds_m, strict=True):
         known = masks[i] & terrain.known
@@ -127,16 +128,16 @@ def measure_outlines(
     return colonies
 
 
-def _without_noise(
+def _peaks(
     by_terrain: Callable[[Array], Array], terrain: Terrain, errors: TerrainErrors
 ) -> tuple[Array, Array]:
-    """What a terrain measures without what noise adds to it, and the standard errors of that."""
+    """Highest places of a terrain without what noise adds and smoothing takes, and the standard
+    errors of that.
+    """
     alike_cells = errors.correlation_m / terrain.grid.cell_m
-    added = noise_bias(by_terrain, terrain.height_m, errors.noise_m, alike_cells)
+    values, of_corrections = peaks(by_terrain, terrain.height_m, errors.noise_m, alike_cells)
     by_draws = spread_of(by_terrain, terrain.height_m, errors.std_m, alike_cells)
-    return by_terrain(terrain.height_m) - added, np.hypot(
-        by_draws, CORRECTION_SETTINGS.of_noise * added
-    )
+    return values, np.hypot(by_draws, of_corrections)
 
 
 def _areas(

@@ -37,6 +37,9 @@ class CorrectionSettings:
     # standard deviation of what matching smooths, in correlation lengths of its errors
     of_match: float = 0.85
     of_voxel: float = 0.5  # and of what voxels smooth, in voxels: both as found on synthetic reefs
+    # of that standard deviation, what smoothing takes from highest places: as found on synthetic
+    # reefs
+    of_peaks: float = 0.5
     # a smoothing of that standard deviation squared, times this, counts as the square of a cell
     steps: float = 4.0
     # power of the scale with which squared slopes fall at most: 1 for a surface of sharp steps
@@ -153,17 +156,45 @@ def blur_reach(correlation_cells: float, scale_cells: int) -> int:
 
 def _resolved(correlation_cells: float, scale_cells: int) -> float:
     """How many cells across is what matching and voxels leave of the finest detail."""
-    lost = np.hypot(CORRECTION_SETTINGS.of_match * correlation_cells, CORRECTION_SETTINGS.of_voxel)
+    lost = _smoothed_cells(correlation_cells)
     return float(np.sqrt(scale_cells**2 + CORRECTION_SETTINGS.steps * lost**2))
 
 
-def noise_bias(
+def _smoothed_cells(correlation_cells: float) -> float:
+    """Standard deviation of what matching and voxels smooth, in cells."""
+    of_match, of_voxel = CORRECTION_SETTINGS.of_match, CORRECTION_SETTINGS.of_voxel
+    return float(np.hypot(of_match * correlation_cells, of_voxel))
+
+
+def peaks(
     measure: Callable[[Array], Array], height_m: Array, noise_m: Array, correlation_cells: float
-) -> Array:
-    """Compute what noise adds to ``measure`` (heights (H, W) -> (M,)), on average: (M,)."""
+) -> tuple[Array, Array]:
+    """Measure highest places without what noise adds to them, on average, and with what smoothing
+    took: as much as smoothing once more takes.
+
+    Args:
+        measure: heights (H, W) -> (M,).
+        height_m: (H, W), NaN where unknown.
+        noise_m: (H, W) standard errors of the heights.
+        correlation_cells: as ``observed`` has it.
+
+    Returns:
+        The values, and their standard errors by how well both corrections are known: (M,) each.
+    """
+    blur_cells = CORRECTION_SETTINGS.of_peaks * _smoothed_cells(correlation_cells)
+
+    def both(heights: Array) -> Array:
+        return np.array([measure(heights), measure(smoothed(heights, blur_cells))])
+
     noises = _noises(noise_m, correlation_cells, DRAWS // 2)
-    drawn = [measure(height_m + sign * noise) for noise in noises for sign in (1, -1)]
-    return np.asarray(np.mean(drawn, axis=0) - measure(height_m))
+    drawn = [both(height_m + sign * noise) for noise in noises for sign in (1, -1)]
+    mapped = both(height_m)
+    added = np.mean(drawn, axis=0) - mapped
+    fine, coarse = mapped - added
+    taken = np.maximum(fine - coarse, 0)
+    return fine + taken, np.hypot(
+        CORRECTION_SETTINGS.of_noise * added[0], CORRECTION_SETTINGS.of_scale * taken
+    )
 
 
 def spread_of(

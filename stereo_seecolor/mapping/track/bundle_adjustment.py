@@ -6,6 +6,7 @@ its own standard error. Levenberg-Marquardt; points are eliminated first (Triggs
 the frames' equations are solved in a sparse order.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -19,6 +20,7 @@ from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.known_points import KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.robust_statistics import deviation_about_zero
+from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
 Array = NDArray[np.float64]
 
@@ -57,7 +59,12 @@ class Adjusted:
     scale: tuple[float, float]
 
 
-def adjust(T_world_camera: Array, stated: BundleProblem, geometry: RectifiedPair) -> Adjusted:
+def adjust(
+    T_world_camera: Array,
+    stated: BundleProblem,
+    geometry: RectifiedPair,
+    less_sharp: LessSharpSide = EQUALLY_SHARP,
+) -> Adjusted:
     """Poses (N, 4, 4) adjusted, under a Cauchy kernel. All frames of the problem must be connected.
 
     Without known places and priors the first stays where it is, and standard errors are relative to
@@ -77,7 +84,8 @@ def adjust(T_world_camera: Array, stated: BundleProblem, geometry: RectifiedPair
         problem, used = stated.scaled(*scale), scale
         state = _solved(problem, state, tolerance)
         scale = _scales(problem, state, used)
-    T[stated.frames], std[stated.frames] = state.T, _std(problem, state, geometry)
+    shared = chain(disparity_errors(problem.seen, geometry), flattened_relief(problem, less_sharp))
+    T[stated.frames], std[stated.frames] = state.T, _std(problem, state, shared)
     return Adjusted(T, std, used)
 
 
@@ -113,9 +121,9 @@ def _scales(problem: BundleProblem, state: State, used: tuple[float, float]) -> 
     return directions, depths
 
 
-def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array:
-    """(N, 2) of position and attitude: by errors of each observation, and by those of disparities
-    and of relief that views share.
+def _std(problem: BundleProblem, state: State, shared: Iterable[Array]) -> Array:
+    """(N, 2) of position and attitude: by errors of each observation, and by those that views
+    share.
 
     All NaN where errors grow so far along an open track, some hundreds of meters, that double
     precision does not hold them.
@@ -125,7 +133,6 @@ def _std(problem: BundleProblem, state: State, geometry: RectifiedPair) -> Array
         step = problem.linearize(state)
         covariances = step.blocks.covariances()[:number]
         variances = np.diagonal(covariances, axis1=1, axis2=2).copy()
-        shared = chain(disparity_errors(problem.seen, geometry), flattened_relief(problem))
         for error in shared:
             variances += problem.moves_by(state, step, error) ** 2
     except np.linalg.LinAlgError:

@@ -113,7 +113,8 @@ class Track:
         """
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
         pairs = Changed(known, partial(seen_pair, self.features))
-        errors = find_image_errors(pairs, self.survey.geometry)
+        survey = self.survey
+        errors = find_image_errors(pairs, survey.geometry, survey.index.less_sharp)
         if errors is None:
             return
         self.features = Changed(self.features, errors.corrected)

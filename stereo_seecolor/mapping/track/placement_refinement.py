@@ -108,7 +108,8 @@ def _adjusted(T: Array, part: _Part) -> Adjusted:
     problem = BundleProblem.of(found, part.priors, known)
     del found  # the problem holds it, too, in another order
     return_freed()
-    return adjust(T, problem, part.track.survey.geometry)
+    survey = part.track.survey
+    return adjust(T, problem, survey.geometry, survey.index.less_sharp)
 
 
 def _by_windows(T: Array, part: _Part) -> Array:
