@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, shading_deviations
 from stereo_seecolor.color.photometry.observations import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 AT_ONCE = 50_000

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.color.photometry.light_model import (
     MEAN_SQUARES,
     PATTERN,
@@ -28,7 +29,6 @@ from stereo_seecolor.color.photometry.light_model import (
 )
 from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
 from stereo_seecolor.color.photometry.observations import Observations
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 

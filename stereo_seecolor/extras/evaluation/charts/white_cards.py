@@ -9,6 +9,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.extras.evaluation.charts.flat_patches import PATCH_LIMITS as FLAT
 from stereo_seecolor.extras.evaluation.charts.flat_patches import (
     Array,
@@ -20,7 +21,6 @@ from stereo_seecolor.extras.evaluation.charts.flat_patches import (
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Image
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 
 @dataclass(frozen=True)
