@@ -7,15 +7,15 @@ from contextlib import suppress
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
-from stereo_seecolor.inputs.capture import framing
-from stereo_seecolor.inputs.headers import (
+from stereo_seecolor.files.image_headers import (
     TIFF_SIGNATURES,
     image_size,
     jpeg_segments,
     png_chunk,
     tiff_pages,
 )
+from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
+from stereo_seecolor.inputs.capture import framing
 from stereo_seecolor.inputs.images import read_image_bytes
 
 PALETTE = 3

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.image_headers import TIFF_SIGNATURES, image_size
 from stereo_seecolor.files.image_marks import PNG_SIGNATURE
 from stereo_seecolor.files.png_decoding import has_exif, is_compiled, quickly_decoded
-from stereo_seecolor.inputs.headers import TIFF_SIGNATURES, image_size
 from stereo_seecolor.inputs.seams import refuse_broken_stream
 
 MAX_PIXELS = 150_000_000  # the largest cameras have 150 million; more is a damaged header
