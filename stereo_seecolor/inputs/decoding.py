@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.image_headers import TIFF_SIGNATURES, image_size
-from stereo_seecolor.files.image_marks import PNG_SIGNATURE
-from stereo_seecolor.files.png_decoding import has_exif, is_compiled, quickly_decoded
+from stereo_seecolor.files.image_headers import (
+    PNG_SIGNATURE,
+    TIFF_SIGNATURES,
+    exif_block,
+    image_size,
+)
+from stereo_seecolor.files.png_decoding import is_compiled, quickly_decoded
 from stereo_seecolor.inputs.seams import refuse_broken_stream
 
 MAX_PIXELS = 150_000_000  # the largest cameras have 150 million; more is a damaged header
@@ -41,7 +45,7 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
     if (
         "numba" in sys.modules
         and content.startswith(PNG_SIGNATURE)
-        and not has_exif(content)
+        and not exif_block(content)
         and is_compiled()
     ):
         quick = quickly_decoded(content)

@@ -24,11 +24,12 @@ from PIL.TiffImagePlugin import (
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.image_headers import (
     BMP_SIGNATURE,
+    JPEG_SIGNATURE,
+    PNG_SIGNATURE,
     TIFF_COMPRESSION,
     TIFF_UNCOMPRESSED,
     tiff_numbers,
 )
-from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
 from stereo_seecolor.records import Image
 
 
