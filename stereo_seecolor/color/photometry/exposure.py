@@ -17,9 +17,7 @@ _PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Sums of light over channels and pixels of a range bin, and numbers of pixels, (256,); they
-    can be added.
-    """
+    """Sums of light over channels and pixels of a range bin, and numbers of pixels, (256,)."""
 
     light: NDArray[np.floating]
     pixels: NDArray[np.signedinteger]
@@ -28,9 +26,6 @@ class Brightness:
     def of(cls, table: MomentTable, encoding: InputEncoding) -> "Brightness":
         """Compute the brightness of a table."""
         return cls(table.counts.sum(axis=0) @ decoded_bins(table.bit_depth, encoding), table.pixels)
-
-    def __add__(self, other: "Brightness") -> "Brightness":
-        return Brightness(self.light + other.light, self.pixels + other.pixels)
 
     def packed(self) -> bytes:
         """Pack the range bins that have pixels, 9 bytes each: a dive has thousands of frames."""
@@ -43,7 +38,7 @@ class Brightness:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "Brightness":
-        """Unpack the brightness of ``packed``, in single precision; it cannot be added to."""
+        """Unpack the brightness of ``packed``, in single precision."""
         packed = np.frombuffer(content, _PACKED)
         light, pixels = np.zeros(RANGE_BINS, np.float32), np.zeros(RANGE_BINS, np.int32)
         light[packed["range_bin"]], pixels[packed["range_bin"]] = packed["light"], packed["pixels"]

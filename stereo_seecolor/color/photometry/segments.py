@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.jackknife import MOST, with_errors_of_blocks
 from stereo_seecolor.color.fitting.robust import ENOUGH, quality
-from stereo_seecolor.color.photometry.exposure import Brightness
 from stereo_seecolor.color.photometry.survey import (
     BLACK,
     CountedFrames,
-    ExposureClass,
     FitTable,
     Fitter,
     FrameBrightness,
@@ -63,32 +61,22 @@ SETTINGS = SegmentSettings()
 
 @dataclass(frozen=True, eq=False)
 class _Chunk:
-    """frames: numbers. linked: it shows spots of the chunk before it. packed: tables and brightness
-    by class, compressed, because 64 of them would not fit into memory.
+    """frames: numbers. linked: it shows spots of the chunk before it. packed: tables by class of
+    brightness, because 64 of them would not fit into memory.
     """
 
     frames: range
     linked: bool
-    packed: dict[int, tuple[bytes, Brightness]]
+    packed: dict[int, bytes]
 
     @classmethod
-    def of(cls, frames: range, linked: bool, classes: Mapping[int, ExposureClass]) -> "_Chunk":
+    def of(cls, frames: range, linked: bool, classes: Mapping[int, MomentTable]) -> "_Chunk":
         """The chunk of these tables."""
-        packed = {kind: (one.table.packed(), one.brightness) for kind, one in classes.items()}
-        return cls(frames, linked, packed)
-
-    @property
-    def classes(self) -> dict[int, ExposureClass]:
-        """The tables by class of brightness."""
-        return {
-            kind: ExposureClass(MomentTable.unpacked(table), brightness)
-            for kind, (table, brightness) in self.packed.items()
-        }
+        return cls(frames, linked, {kind: table.packed() for kind, table in classes.items()})
 
     def __add__(self, other: "_Chunk") -> "_Chunk":
-        classes = self.classes
-        add_to(classes, other.classes)
-        return _Chunk.of(range(self.frames.start, other.frames.stop), self.linked, classes)
+        frames = range(self.frames.start, other.frames.stop)
+        return _Chunk.of(frames, self.linked, _classes([self, other]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +99,7 @@ class AutoFitter(Fitter):
         self._chunks: list[_Chunk] = []
         self._frames = FrameBrightness()
         # the chunk that grows
-        self._open, self._open_linked, self._classes = range(0), False, dict[int, ExposureClass]()
+        self._open, self._open_linked, self._classes = range(0), False, dict[int, MomentTable]()
         self._chunk_frames = 1
         self._segments: list[range] = []
 
@@ -191,11 +179,11 @@ def _linked(chunks: Sequence[_Chunk]) -> list[Sequence[_Chunk]]:
     return [chunks[a:b] for a, b in pairwise([*cuts, len(chunks)])]
 
 
-def _classes(chunks: Sequence[_Chunk]) -> dict[int, ExposureClass]:
+def _classes(chunks: Sequence[_Chunk]) -> dict[int, MomentTable]:
     """The tables of several chunks by class of brightness."""
-    classes: dict[int, ExposureClass] = {}
+    classes: dict[int, MomentTable] = {}
     for chunk in chunks:
-        add_to(classes, chunk.classes)
+        add_to(classes, {kind: MomentTable.unpacked(one) for kind, one in chunk.packed.items()})
     return classes
 
 
@@ -203,17 +191,17 @@ def _blocks(chunks: Sequence[_Chunk], usual: int) -> Iterator[MomentTable]:
     """The sums of some chunks after the other, of frames of usual exposure as a fit takes them."""
     for part in np.array_split(np.arange(len(chunks)), min(len(chunks), MOST)):
         classes = _classes(chunks[part[0] : part[-1] + 1])
-        tables = [of.table for kind, of in classes.items() if abs(kind - usual) <= 1]
+        tables = [table for kind, table in classes.items() if abs(kind - usual) <= 1]
         if tables:
             yield reduce(add, tables)
 
 
 def _evidence(
-    parts: Sequence[Mapping[int, ExposureClass]], config: ColorConfig
+    parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig
 ) -> list[_Evidence | None]:
     """The data of each part; None for one without light or a known range."""
     lit = [{kind: of for kind, of in part.items() if kind != BLACK} for part in parts]
-    tables = [usual_exposure(classes)[1].table if classes else None for classes in lit]
+    tables = [usual_exposure(classes)[1] if classes else None for classes in lit]
     known = [
         (i, table, quantiles_by_range(table, config.encoding))
         for i, table in enumerate(tables)
@@ -230,7 +218,7 @@ def _evidence(
     return found
 
 
-def _parts(parts: Sequence[Mapping[int, ExposureClass]], config: ColorConfig) -> list[range]:
+def _parts(parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig) -> list[range]:
     """Segments of chunks that share one water; chunks without evidence go with those before."""
     if len(parts) < 2:
         return [range(len(parts))] * len(parts)

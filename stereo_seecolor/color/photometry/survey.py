@@ -106,42 +106,31 @@ class SlidingFitter(Fitter):
 
 
 @dataclass(frozen=True, eq=False)
-class ExposureClass:
-    """The frames of one class of brightness: the sum of their tables, and their brightness."""
-
-    table: MomentTable
-    brightness: Brightness
-
-    def __add__(self, other: "ExposureClass") -> "ExposureClass":
-        return ExposureClass(self.table + other.table, self.brightness + other.brightness)
-
-
-@dataclass(frozen=True, eq=False)
 class CountedFrames:
     """frames: name, class and packed brightness of each. classes: sums of their tables, by class of
     brightness; frames without ranges are in none.
     """
 
     frames: Sequence[tuple[str, int, bytes]]
-    classes: Mapping[int, ExposureClass]
+    classes: Mapping[int, MomentTable]
 
     @classmethod
     def of(cls, tables: Iterable[tuple[str, MomentTable]], config: ColorConfig) -> "CountedFrames":
         """Add up the tables of these frames, given by name and table in order."""
-        frames, classes = [], dict[int, ExposureClass]()
+        frames, classes = [], dict[int, MomentTable]()
         for name, table in tables:
             brightness = Brightness.of(table, config.encoding)
             kind = class_of(brightness, config)
             frames.append((name, kind, brightness.packed()))
             if table.pixels.any():
-                add_to(classes, {kind: ExposureClass(table, brightness)})
+                add_to(classes, {kind: table})
         return cls(frames, classes)
 
 
-def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass]) -> None:
+def add_to(classes: dict[int, MomentTable], more: Mapping[int, MomentTable]) -> None:
     """Add the tables of each class to the existing ones."""
-    for kind, frames in more.items():
-        classes[kind] = classes[kind] + frames if kind in classes else frames
+    for kind, table in more.items():
+        classes[kind] = classes[kind] + table if kind in classes else table
 
 
 class FrameBrightness:
@@ -177,17 +166,16 @@ class SurveyFitter(Fitter):
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
         self._frames = FrameBrightness()
-        self._classes: dict[int, ExposureClass] = {}
+        self._classes: dict[int, MomentTable] = {}
 
     def add(self, name: str, table: MomentTable) -> None:
         """One more frame."""
         frame = CountedFrames.of([(name, table)], self._config)
-        reference = self._classes.get(0)
-        if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
-            brighter = frame.classes[0].brightness.ratio(reference.brightness)
-            table = shorten_exposure(table, brighter, self._config.encoding)
-            brightness = Brightness.of(table, self._config.encoding)
-            frame = replace(frame, classes={0: ExposureClass(table, brightness)})
+        if not self.joins and 0 in self._classes and 0 in frame.classes:
+            encoding = self._config.encoding
+            usual = Brightness.of(self._classes[0], encoding)
+            brighter = Brightness.of(table, encoding).ratio(usual)
+            frame = replace(frame, classes={0: shorten_exposure(table, brighter, encoding)})
         self.join(frame)
 
     @property
@@ -211,7 +199,7 @@ class SurveyFitter(Fitter):
 def survey_waters(
     frames: FrameBrightness,
     numbers: range,
-    classes: Mapping[int, ExposureClass],
+    classes: Mapping[int, MomentTable],
     config: ColorConfig,
     fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
@@ -224,7 +212,8 @@ def survey_waters(
         yield from ((frames.names.item(number), None) for number in numbers)
         return
     most, survey = usual_exposure(classes)
-    water = _fitted(survey.table, config, fit, None)
+    water = _fitted(survey, config, fit, None)
+    bright = Brightness.of(survey, config.encoding)
     for number in numbers:
         usual = frames.classes[number] == BLACK or (
             config.camera_exposure != "brightness" and abs(frames.classes[number] - most) <= 1
@@ -232,17 +221,17 @@ def survey_waters(
         if usual:
             yield frames.names.item(number), water
         else:
-            brighter = frames.brightness(number).ratio(survey.brightness)
+            brighter = frames.brightness(number).ratio(bright)
             yield frames.names.item(number), _as_exposed(water, brighter, config)
 
 
-def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
-    """Return the class with most pixels, and the sum of all frames in it and in the classes next to
+def usual_exposure(classes: Mapping[int, MomentTable]) -> tuple[int, MomentTable]:
+    """Return the class with most pixels, and the sum of the tables of it and of the classes next to
     it.
     """
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
-    most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
-    return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
+    most = max(lit, key=lambda kind: int(classes[kind].pixels.sum()))
+    return most, reduce(add, (table for kind, table in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
