@@ -84,9 +84,8 @@ def refit_color_after_water(
     if not made:
         return survey_light
     made, measured = numbered(made)
-    colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
     prior = LightPrior.unknown(LEFT, alike(survey_light.crossed, len(windows)))
-    equations = Equations.of(made, colors, len(measured))
+    equations = Equations.of([window.color for window in made], len(measured))
     solved = min(
         (solve(equations, use, prior) for use in USES),
         key=lambda solution: solution.misfit,

@@ -84,14 +84,14 @@ class Choice:
         """Whether there are enough patches for a comparison."""
         return self.judging >= SETTINGS.least_patches
 
-    def without_pattern(self, windows: Sequence[Window], values: Sequence[Array]) -> "Choice":
+    def without_pattern(self, windows: Sequence[Window]) -> "Choice":
         """Return the choice that corrects no pattern, with the gains that were solved beside it.
 
-        windows, values: as given to ``choose``.
+        windows: as given to ``choose``.
         """
         solution = replace(self.solution, coefficients=np.zeros_like(self.solution.coefficients))
         use = self.use._replace(pattern=False, ranged=False)
-        after = spread_left(*_part(windows, values, held=True), solution)
+        after = spread_left([window.part(held=True) for window in windows], solution)
         return replace(self, use=use, solution=solution, after=after, error=0.0)
 
 
@@ -102,9 +102,7 @@ class Candidate(NamedTuple):
     prior: LightPrior
 
 
-def choose(
-    windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
-) -> Choice:
+def choose(windows: Sequence[Window], candidates: Sequence[Candidate], frames: int) -> Choice:
     """Choose the candidate with the most evidence among those that lower the spread on patches left
     out enough.
 
@@ -112,14 +110,14 @@ def choose(
     (Breiman et al. 1984, "Classification and regression trees"). Shading, and gains of frames whose
     differences caustics explain, also need more evidence than the same terms without them, because
     patches left out lie under the same caustics as their neighbors in the fit.
-    values: as in ``Equations``. candidates: the first has no terms. frames: number of frames.
+    candidates: the first has no terms. frames: number of frames.
     """
-    judge, judged = _part(windows, values, held=True)
+    judge = [window.part(held=True) for window in windows]
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
     @cache
     def every() -> Equations:
-        return Equations.of(windows, values, frames)
+        return Equations.of(windows, frames)
 
     @cache
     def whole(candidate: Candidate) -> Solution:
@@ -134,9 +132,9 @@ def choose(
 
     enough = judging >= SETTINGS.least_patches
     nothing, *others = candidates if enough else candidates[:1]
-    fit = Equations.of(*_part(windows, values, held=False), frames)
+    fit = Equations.of([window.part(held=False) for window in windows], frames)
     before, *spreads = [
-        spread_left(judge, judged, solve(fit, *candidate)) for candidate in (nothing, *others)
+        spread_left(judge, solve(fit, *candidate)) for candidate in (nothing, *others)
     ]
     del fit  # those of all observations take twice the memory
     frames_differ = before.between_frames > SETTINGS.sure * before.by_chance * np.sqrt(
@@ -155,25 +153,14 @@ def choose(
     return Choice(use, solution, before, after, judging, error)
 
 
-def _part(
-    windows: Sequence[Window], values: Sequence[Array], held: bool
-) -> tuple[list[Window], list[Array]]:
-    """The observations of patches that are left out of the fit, or the others."""
-    return [window.part(held) for window in windows], [
-        value[window.held == held] for window, value in zip(windows, values, strict=True)
-    ]
-
-
-def spread_left(
-    windows: Sequence[Window], values: Sequence[Array], solution: Solution
-) -> ViewDifferences:
+def spread_left(windows: Sequence[Window], solution: Solution) -> ViewDifferences:
     """Compute the spread of differences between consecutive views of a patch, after the solution is
     removed.
     """
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
-    for window, value in zip(windows, values, strict=True):
-        left = value - explained(window, solution)
+    for window in windows:
+        left = window.values - explained(window, solution)
         again = np.flatnonzero(np.diff(window.patch) == 0)
         differences.append(left[again + 1] - left[again])
         pairs.append(window.frame[again] * frames + window.frame[again + 1])

@@ -76,24 +76,34 @@ class LightTerms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1),
-    log_light (N, 3). held (N,): True for observations of patches that are left out of the fit, to
-    test it.
+    """patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1). values
+    (N, Q): logarithms to explain. held (N,): True for observations of patches that are left out of
+    the fit, to test it.
     """
 
     patch: NDArray[np.int64]
     frame: NDArray[np.int64]
     terms: NDArray[np.float32]
     trend: NDArray[np.float32]
-    log_light: Array
+    values: Array
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
         """Return only the observations that are left out of the fit, or only the others."""
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
-        parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
-        return Window(patch, *(values[chosen] for values in parts))
+        parts = (self.frame, self.terms, self.trend, self.values, self.held)
+        return Window(patch, *(own[chosen] for own in parts))
+
+    @property
+    def luminance(self) -> "Window":
+        """The window of the mean of the values."""
+        return replace(self, values=self.values.mean(axis=1, keepdims=True))
+
+    @property
+    def color(self) -> "Window":
+        """The window of the values less their mean."""
+        return replace(self, values=self.values - self.luminance.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +134,8 @@ def window_of(
     light: Light,
     size: tuple[int, int],
 ) -> Window:
-    """Make the window of the usable (N,) observations of patches that two frames or more show.
+    """Make the window of the logarithms of the usable (N,) observations of patches that two frames
+    or more show.
 
     frames: number in the dive of each frame of the observations. light: defines the ranges of the
     polynomial. size: (width, height) of the image.
@@ -156,10 +167,10 @@ class Equations:
     variance: float
 
     @classmethod
-    def of(cls, windows: Sequence[Window], values: Sequence[Array], frames: int) -> "Equations":
-        """Make the equations. values: of each window, (N, Q) logarithms to explain."""
-        parts = [_WindowSums.of(*both) for both in zip(windows, values, strict=True)]
-        outputs, powers = values[0].shape[1], np.arange(REEF.range_degree + 1)
+    def of(cls, windows: Sequence[Window], frames: int) -> "Equations":
+        """Make the equations of the values of windows."""
+        parts = [_WindowSums.of(window) for window in windows]
+        outputs, powers = windows[0].values.shape[1], np.arange(REEF.range_degree + 1)
         size = outputs + COLUMNS + frames * OWN
         means, lights, cells = np.zeros((len(powers) + size,) * 2), [], []
         for window, part in zip(windows, parts, strict=True):
@@ -368,11 +379,11 @@ class _WindowSums:
     frames: NDArray[np.int64]
 
     @classmethod
-    def of(cls, window: Window, value: Array) -> "_WindowSums":
-        """The equations of a window, with all terms. value: (N, Q)."""
+    def of(cls, window: Window) -> "_WindowSums":
+        """The equations of a window, with all terms."""
         frames, index = np.unique(window.frame, return_inverse=True)
-        columns = [np.ones_like(value[:, :1]), window.terms[:, :SHADING], value, window.terms]
-        rows = np.concatenate([*columns, window.trend], axis=1)
+        columns = [window.terms[:, :SHADING], window.values, window.terms, window.trend]
+        rows = np.concatenate([np.ones((len(index), 1)), *columns], axis=1)
         grid = np.zeros((len(frames), window.patch.max(initial=-1) + 1, rows.shape[1]))
         grid[index, window.patch] = rows
         both, own = grid[..., OWN:].copy(), grid[..., :OWN].copy()

@@ -219,13 +219,11 @@ def solve_light(
         LightPrior.lamps(even.reference_m, same),
     )
     candidates = _candidates_of_luminance(allowed, priors)
-    luminances = [_luminance(window) for window in made]
-    differ = not is_sampled and not is_single_illumination(
-        made, luminances, candidates, len(measured)
-    )
+    luminances = [window.luminance for window in made]
+    differ = not is_sampled and not is_single_illumination(luminances, candidates, len(measured))
     if differ:
         candidates = _candidates_of_luminance(allowed, priors[:1])
-    luminance = choose(made, luminances, candidates, len(measured))
+    luminance = choose(luminances, candidates, len(measured))
     of_color = allowed._replace(
         pattern=allowed.pattern and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
@@ -260,11 +258,11 @@ def _choose_color(
     unknown = LightPrior.unknown(COLOR, same)
     patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
     candidates = _candidates(allowed, unknown, [unknown], patterns)
-    colors = [window.log_light - _luminance(window) for window in windows]
-    chosen = choose(windows, colors, candidates, frames)
+    colors = [window.color for window in windows]
+    chosen = choose(colors, candidates, frames)
     if crossed >= CROSSING_SETTINGS.color or not chosen.use.pattern:
         return chosen
-    return chosen.without_pattern(windows, colors)
+    return chosen.without_pattern(colors)
 
 
 def _light(luminance: Choice, color: Choice, windows: Sequence[Window], even: Light) -> Light:
@@ -293,7 +291,7 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
     """
     if not color.judged or (color.use.gains and not color.use.pattern):
         return None
-    light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
+    light = np.exp(np.concatenate([window.values for window in windows]).mean(axis=0))
     power = color.solution.trend[0] / SHAPE.range_step
     error = color.solution.trend_error / SHAPE.range_step
     return ColorTrend(power - power.mean(), error, reference_m, light)
@@ -330,7 +328,7 @@ def _equally_exposed(window: Window, recorded: NDArray[np.float64] | None) -> Wi
     return (
         window
         if recorded is None
-        else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
+        else replace(window, values=window.values - recorded[window.frame][:, None])
     )
 
 
@@ -351,11 +349,6 @@ def usable(seen: Observations) -> NDArray[np.bool_]:
     """Select (N,) observations that are neither dark nor near clipping."""
     darkest, brightest = LIMITS.light
     return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
-
-
-def _luminance(window: Window) -> NDArray[np.float64]:
-    """(N, 1) luminance: the mean logarithm of the channels."""
-    return np.asarray(window.log_light.mean(axis=1, keepdims=True))
 
 
 def _percent(logarithm: float) -> str:
