@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import low_discrepancy
 from stereo_seecolor.color.photometry.light_model import (
+    PATTERN,
     SHAPE,
     TERMS,
     pattern_terms,
@@ -52,9 +53,7 @@ class LampSettings:
     sun: tuple[float, float] = (0.0, 0.6)
     """Fraction of sunlight at the reference range: 0 at night."""
     rest: float = 0.05
-    """Standard deviation of a coefficient, for variations that the random rigs do not contain; of
-    its change a fifth.
-    """
+    """Standard deviation of a coefficient, for variations that the random rigs do not contain."""
     rest_trend: float = 0.04
     """The same for the trend, for a range that is a fifth longer."""
 
@@ -86,11 +85,15 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
     light = np.stack([_light(draw, pixel, range_m, steps == 0) for draw in draws])
     regular = 1e-6 * len(steps) * np.eye(terms.shape[1])
     found = np.linalg.solve(terms.T @ terms + regular, terms.T @ light.T)[: TERMS + 1].T
-    number = TERMS // (SHAPE.range_degree + 1)
-    rest = np.array(
-        [SETTINGS.rest] * number + [0.2 * SETTINGS.rest] * (TERMS - number) + [SETTINGS.rest_trend]
-    )
-    return found.mean(axis=0), np.cov(found.T) + np.diag(rest**2)
+    return found.mean(axis=0), np.cov(found.T) + unexplained(SETTINGS.rest, SETTINGS.rest_trend)
+
+
+def unexplained(coefficient: float, trend: float) -> Array:
+    """Covariance (TERMS + 1, TERMS + 1) of independent errors of a model of pattern and trend, by
+    standard deviations: of a change with range a fifth of a ``coefficient``.
+    """
+    ranged = [0.2 * coefficient] * (TERMS - PATTERN)
+    return np.diag(np.square([coefficient] * PATTERN + ranged + [trend]))
 
 
 def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool_]) -> Array:

@@ -165,15 +165,8 @@ class Light:
         """Compute (H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each
         pixel.
         """
-        if size not in self._maps:
-            self._maps[size] = self._computed_maps(size)
-        return self._maps[size]
-
-    @cached_property
-    def _maps(self) -> dict[tuple[int, int], NDArray[np.float32]]:
-        return {}
-
-    def _computed_maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
+        if size in self._maps:
+            return self._maps[size]
         width, height = size
         x = _normalized(np.arange(width, dtype=np.float64), width)
         y = _normalized(np.arange(height, dtype=np.float64), height)
@@ -184,7 +177,12 @@ class Light:
             grid[0, 0] -= _mean(a, b) * parts[:, term].T
         powers_x, powers_y = (np.stack([at**k for k in range(SHAPE.degree + 1)]) for at in (x, y))
         rows = np.einsum("by,abck->ayck", powers_y, grid)
-        return np.asarray(np.einsum("ax,ayck->yxck", powers_x, rows), dtype=np.float32)
+        self._maps[size] = np.einsum("ax,ayck->yxck", powers_x, rows).astype(np.float32)
+        return self._maps[size]
+
+    @cached_property
+    def _maps(self) -> dict[tuple[int, int], NDArray[np.float32]]:
+        return {}
 
     @cached_property
     def fingerprint(self) -> str:
@@ -245,21 +243,18 @@ class FrameLight:
         self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]
     ) -> "FrameLight":
         """Convert the light to the pixels of another image; ``warp`` converts an (H, W) map."""
-        powers = range(self.maps.shape[-1])
-        maps = [
-            np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1)
-            for c in range(3)
-        ]
-        shading = np.stack(
-            [warp(np.ascontiguousarray(self.log_shading[..., c])) for c in range(3)], axis=2
-        )
-        return replace(self, maps=np.stack(maps, axis=2), log_shading=shading)
+
+        def warped(several: NDArray[np.float32]) -> NDArray[np.float32]:
+            planes = np.moveaxis(several.reshape(*several.shape[:2], -1), 2, 0)
+            maps = np.stack([warp(np.ascontiguousarray(plane)) for plane in planes], axis=2)
+            return maps.reshape(*maps.shape[:2], *several.shape[2:])
+
+        return replace(self, maps=warped(self.maps), log_shading=warped(self.log_shading))
 
 
 def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
     """Compute the (N, TERMS) terms of the polynomial, each with mean 0 over the image."""
-    x, y = places(pixel, size).T
-    flat = np.stack([x**a * y**b - _mean(a, b) for a, b in POWERS], axis=1)
+    flat = _flat_terms(places(pixel, size), POWERS)
     return np.concatenate(
         [flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1
     )
@@ -276,9 +271,12 @@ def shading_terms(place: Array) -> Array:
     """Compute (N, SHADING) terms of the shading of a frame at (N, 2) ``places``, each with mean 0
     over the image.
     """
-    return np.stack(
-        [place[:, 0] ** a * place[:, 1] ** b - _mean(a, b) for a, b in POWERS[:SHADING]], axis=1
-    )
+    return _flat_terms(place, POWERS[:SHADING])
+
+
+def _flat_terms(place: Array, powers: Sequence[tuple[int, int]]) -> Array:
+    x, y = place.T
+    return np.stack([x**a * y**b - _mean(a, b) for a, b in powers], axis=1)
 
 
 def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
@@ -335,20 +333,11 @@ def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
 
 def lit_by(water: Water, light: Light | None) -> Water:
     """Add two measurements of the light to a water: the color trend, and the fall-off of lamps."""
-    return (
-        water
-        if light is None
-        else with_color_trend(_with_fall_off(water, light), light.color_trend)
-    )
-
-
-def _with_fall_off(water: Water, light: Light) -> Water:
-    """The water with the fall-off of lamps: what of it the water itself does not explain."""
-    if not light.fade:
+    if light is None:
         return water
-    near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
-    near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)
-    return replace(
-        water,
-        fall_off=float(np.clip(light.fade - (near - far) / SHAPE.range_step, 0.0, LIMITS.fall_off)),
-    )
+    if light.fade:  # what of it the water itself does not explain
+        near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
+        near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)
+        left = light.fade - (near - far) / SHAPE.range_step
+        water = replace(water, fall_off=float(np.clip(left, 0.0, LIMITS.fall_off)))
+    return with_color_trend(water, light.color_trend)

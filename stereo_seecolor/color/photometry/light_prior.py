@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.lamp_prior import lamp_ensemble
-from stereo_seecolor.color.photometry.lens_prior import LENS_PRIOR_SETTINGS, lens_ensemble
+from stereo_seecolor.color.photometry.lamp_prior import CORNER, SIZE, lamp_ensemble, unexplained
 from stereo_seecolor.color.photometry.light_model import (
     PATTERN,
     POWERS,
@@ -55,6 +54,10 @@ LUMINANCE = Deviations(
 fifth of a stop. Without ``systematic``, gains explained half of the fall-off of lamps, on a
 synthetic night dive whose views agree within 1 %.
 """
+LENS = replace(LUMINANCE, gain=0.5)
+"""In sunlight clouds, sun and automatic exposure change a frame by a stop and more."""
+LENS_REST = 0.03
+"""Standard deviation of a coefficient that is not radial: ports are mounted nearly centered."""
 COLOR = Deviations(
     coefficient=0.2, ranged=0.05, trend=0.2, gain=0.06, shading=0.05, systematic=0.0, mean_reef=1.0
 )
@@ -128,11 +131,20 @@ class LightPrior:
 
     @classmethod
     def lens(cls, alike: "Alike") -> "LightPrior":
-        """Make the prior of luminance in sunlight, whose strength and exposure change from frame to
-        frame.
+        """Make the prior of luminance in sunlight: vignetting, which darkens the corners
+        symmetrically about the axis.
+
+        If survey lines overlap only at their borders, a change of light along the dive looks like a
+        slope of the pattern across the track. A lens has no slopes: without evidence for lamps, the
+        light explains such a change. The mean pattern is 0, so that one that the dive does not
+        determine is uniform.
         """
-        about = replace(LUMINANCE, gain=LENS_PRIOR_SETTINGS.gain)
-        return cls(*lens_ensemble(about.trend), about, alike)
+        radial, squares = np.zeros(TERMS + 1), np.square(SIZE)
+        radial[[POWERS.index((2, 0)), POWERS.index((0, 2))]] = squares / squares.sum()
+        corner = np.log(np.linspace(*CORNER, 101))
+        covariance = (corner**2).mean() * np.outer(radial, radial)
+        covariance += unexplained(LENS_REST, LENS.trend)
+        return cls(np.zeros(TERMS + 1), covariance, LENS, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
         """Return the prior of the terms in use (``columns``), and of gain and shading of frames.

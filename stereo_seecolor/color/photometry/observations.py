@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Image, Map
 
 Vector = NDArray[np.float64]
@@ -142,10 +143,9 @@ class PhotometricView:
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
         grid[step // 2 :: step, step // 2 :: step] = True
-        points = self.geometry.points_from_range(self.smooth_range_m)[
-            grid & np.isfinite(self.smooth_range_m)
-        ].astype(np.float64)
-        return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
+        known = grid & np.isfinite(self.smooth_range_m)
+        points = self.geometry.points_from_range(self.smooth_range_m)[known].astype(np.float64)
+        return transform_points(self.T_world_camera, points)
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
         """Return numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the visible

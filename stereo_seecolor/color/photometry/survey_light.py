@@ -207,44 +207,47 @@ def solve_light(
         return None
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     even = Light(np.zeros((TERMS, 3)), float(np.median(ranges)), (near_m, far_m))
+    exposures = np.zeros(len(names)) if recorded is None else recorded
     made = [window_of(one.seen, one.frames, usable(one.seen), even, size) for one in windows]
-    made = [_equally_exposed(window, recorded) for window in made if len(window.patch)]
+    made = [
+        replace(window, values=window.values - exposures[window.frame][:, None])
+        for window in made
+        if len(window.patch)
+    ]
     if not made:
         return None
     crossed = pictures_crossed(windows, size)
     same = alike(crossed, len(made))
     made, measured = numbered(made)
-    priors = (
-        LightPrior.lens(same),
-        LightPrior.lamps(even.reference_m, same),
-    )
-    candidates = _candidates_of_luminance(allowed, priors)
+    pattern = LightTerms(pattern=True, ranged=allowed.ranged)
+    unknown, lens = LightPrior.unknown(LUMINANCE, same), (pattern, LightPrior.lens(same))
+    lamps = pattern, LightPrior.lamps(even.reference_m, same)
+    candidates = _candidates(allowed, unknown, [lens, lamps])
     luminances = [window.luminance for window in made]
     differ = not is_sampled and not is_single_illumination(luminances, candidates, len(measured))
     if differ:
-        candidates = _candidates_of_luminance(allowed, priors[:1])
+        candidates = _candidates(allowed, unknown, [lens])
     luminance = choose(luminances, candidates, len(measured))
-    of_color = allowed._replace(
+    terms = allowed._replace(
         pattern=allowed.pattern and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
-    color = _choose_color(made, of_color, same, len(measured), crossed)
-    light = _light(luminance, color, made, even)
-    gains = luminance.solution.gains + color.solution.gains
-    gains += 0.0 if recorded is None else recorded[measured, None]
-    shading = luminance.solution.shading + color.solution.shading
+    color = _choose_color(made, terms, same, len(measured), crossed)
+    of_luminance, of_color = luminance.solution, color.solution
+    gains = of_luminance.gains + of_color.gains + exposures[measured, None]
     seen = [names[frame] for frame in measured]
-    light = replace(light, gains=_by_name(gains, seen), shading=_by_name(shading, seen))
-    light = replace(light, fade=0.0) if differ else light
+    is_faded = luminance.use.pattern and not differ
+    light = replace(
+        even,
+        coefficients=of_luminance.coefficients + of_color.coefficients,
+        gains=_by_name(gains, seen),
+        fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if is_faded else 0.0,
+        color_trend=_color_trend(color, made, even.reference_m),
+        shading=_by_name(of_luminance.shading + of_color.shading, seen),
+    )
     return SurveyLight(
         light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ
     )
-
-
-def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) -> list[Candidate]:
-    """priors: of patterns."""
-    unknown = LightPrior.unknown(LUMINANCE, priors[0].alike)
-    return _candidates(allowed, unknown, priors, [LightTerms(pattern=True, ranged=allowed.ranged)])
 
 
 def _choose_color(
@@ -256,24 +259,13 @@ def _choose_color(
     slope of a pattern looks like a drift of gains.
     """
     unknown = LightPrior.unknown(COLOR, same)
-    patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
-    candidates = _candidates(allowed, unknown, [unknown], patterns)
+    patterns = [(LightTerms(pattern=True, ranged=ranged), unknown) for ranged in (False, True)]
+    candidates = _candidates(allowed, unknown, patterns)
     colors = [window.color for window in windows]
     chosen = choose(colors, candidates, frames)
     if crossed >= CROSSING_SETTINGS.color or not chosen.use.pattern:
         return chosen
     return chosen.without_pattern(colors)
-
-
-def _light(luminance: Choice, color: Choice, windows: Sequence[Window], even: Light) -> Light:
-    """The light of luminance and color together, without gains and shading."""
-    of_luminance, of_color = luminance.solution, color.solution
-    return replace(
-        even,
-        coefficients=of_luminance.coefficients + of_color.coefficients,
-        fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0,
-        color_trend=_color_trend(color, windows, even.reference_m),
-    )
 
 
 def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
@@ -298,24 +290,16 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
 
 
 def _candidates(
-    allowed: LightTerms,
-    unknown: LightPrior,
-    priors: Sequence[LightPrior],
-    patterns: Sequence[LightTerms],
+    allowed: LightTerms, unknown: LightPrior, patterns: Sequence[tuple[LightTerms, LightPrior]]
 ) -> list[Candidate]:
-    """No correction, gains alone, and each pattern with each of its priors, as far as allowed.
-
-    unknown: prior without a pattern. priors: of patterns. patterns: terms of patterns to try.
+    """No correction, gains alone, and each pattern, as far as allowed. unknown: prior without a
+    pattern.
     """
-    own = [(False, False), (True, False), (True, True)]
-    of_patterns = [
+    every = [
         Candidate(use._replace(gains=gains, shading=shading), prior)
-        for use in patterns
-        for prior in priors
-        for gains, shading in own
+        for use, prior in [(LightTerms(), unknown), *patterns]
+        for gains, shading in ((False, False), (True, False), (True, True))
     ]
-    alone = [Candidate(LightTerms(gains=gains, shading=shading), unknown) for gains, shading in own]
-    every = [*alone, *of_patterns]
     return [
         one
         for one in every
@@ -323,25 +307,13 @@ def _candidates(
     ]
 
 
-def _equally_exposed(window: Window, recorded: NDArray[np.float64] | None) -> Window:
-    """The window with the (F,) logarithms of recorded exposures subtracted."""
-    return (
-        window
-        if recorded is None
-        else replace(window, values=window.values - recorded[window.frame][:, None])
-    )
-
-
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
     """Number the frames of the windows from 0; return the windows, and the numbers of these frames
     in the dive.
     """
-    measured, numbers = np.unique(
-        np.concatenate([window.frame for window in windows]), return_inverse=True
-    )
-    parts = np.split(numbers, np.cumsum([len(window.frame) for window in windows[:-1]]))
+    measured = np.unique(np.concatenate([window.frame for window in windows]))
     return [
-        replace(window, frame=frame) for window, frame in zip(windows, parts, strict=True)
+        replace(window, frame=np.searchsorted(measured, window.frame)) for window in windows
     ], measured
 
 
