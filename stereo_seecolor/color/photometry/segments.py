@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
 from operator import add
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +93,8 @@ class AutoFitter(Fitter):
     as the frame before them; the dive is not cut between these.
     """
 
+    joins = True
+
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
         self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
@@ -106,11 +107,6 @@ class AutoFitter(Fitter):
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame."""
         self.join(CountedFrames.of([(name, table)], self._config))
-
-    @property
-    def joins(self) -> bool:
-        """True: ``join`` may always be called."""
-        return True
 
     def join(self, several: CountedFrames) -> None:
         """Add several frames; the dive is not cut between them."""
@@ -162,10 +158,7 @@ class AutoFitter(Fitter):
         """Return where the dive was cut into segments; empty if all frames share one water."""
         if len(self._segments) < 2:
             return ()
-        ends = [
-            (self._frames.names[frames[0]], self._frames.names[frames[-1]])
-            for frames in self._segments
-        ]
+        ends = [(names[0], names[-1]) for names in self.segments]
         named = [f"{first} to {last}" if first != last else first for first, last in ends]
         return (
             f"the frames do not share one water: {len(named)} waters were fitted, one each for "
@@ -198,24 +191,19 @@ def _blocks(chunks: Sequence[_Chunk], usual: int) -> Iterator[MomentTable]:
 
 def _evidence(
     parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig
-) -> list[_Evidence | None]:
-    """The data of each part; None for one without light or a known range."""
-    lit = [{kind: of for kind, of in part.items() if kind != BLACK} for part in parts]
-    tables = [usual_exposure(classes)[1] if classes else None for classes in lit]
-    known = [
-        (i, table, quantiles_by_range(table, config.encoding))
-        for i, table in enumerate(tables)
-        if table is not None
-    ]
-    found: list[_Evidence | None] = [None] * len(parts)
-    if known:
-        several = [seen for _, _, seen in known]
-        waters, _ = robust.fit_all(several, config, enough=ENOUGH)
-        # not the costs of these fits, which contain how likely the water is
-        costs = quality(several, config.robust, waters)
-        for (i, table, seen), water, own in zip(known, waters, costs, strict=True):
-            found[i] = _Evidence(table, seen, water, float(own))
-    return found
+) -> dict[int, _Evidence]:
+    """The data of the parts with light and a known range, by number."""
+    tables = {
+        i: usual_exposure(part)[1] for i, part in enumerate(parts) if any(set(part) - {BLACK})
+    }
+    if not tables:
+        return {}
+    several = [quantiles_by_range(table, config.encoding) for table in tables.values()]
+    waters, _ = robust.fit_all(several, config, enough=ENOUGH)
+    # not the costs of these fits, which contain how likely the water is
+    costs = quality(several, config.robust, waters).tolist()
+    made = map(_Evidence, tables.values(), several, waters, costs)
+    return dict(zip(tables, made, strict=True))
 
 
 def _parts(parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig) -> list[range]:
@@ -223,70 +211,51 @@ def _parts(parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig) -> l
     if len(parts) < 2:
         return [range(len(parts))] * len(parts)
     chunks = _evidence(parts, config)
-    known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    alone = [
-        _Segment((chunk,), chunk.table, chunk.water, np.zeros(1))
-        for chunk in chunks
-        if chunk is not None
-    ]
-    segments = _joined(alone, config)
-    sizes = np.cumsum([len(segment.chunks) for segment in segments[:-1]], dtype=int)
-    edges = [0, *(known[cut] for cut in sizes), len(chunks)]
+    alone = [_Segment((one,), one.table, one.water, np.zeros(1)) for one in chunks.values()]
+    sizes = [len(segment.chunks) for segment in _joined(alone, config)]
+    known = list(chunks)
+    edges = [0, *(known[cut] for cut in np.cumsum(sizes[:-1], dtype=int)), len(parts)]
     return [range(a, b) for a, b in pairwise(edges)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """table, water: of all chunks. costs (N,): of each under it, less that under its own water."""
+    """table, water: of all chunks. costs (N,): of each under it, less that under its own water.
+    strain: the cost that joining its two parts added, as a fraction of the limit.
+    """
 
     chunks: tuple[_Evidence, ...]
     table: MomentTable
     water: Water
     costs: NDArray[np.float64]
+    strain: float = 0.0
 
 
-def _segments(
-    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable, Water]], config: ColorConfig
-) -> list[_Segment]:
-    """Segments of given chunks, their tables and waters; costs are found together."""
-    under = [(chunk, water) for chunks, _, water in parts for chunk in chunks]
-    costs = quality(
-        [chunk.seen for chunk, _ in under], config.robust, [water for _, water in under]
-    )
-    added = np.split(
-        costs - [chunk.own for chunk, _ in under],
-        np.cumsum([len(chunks) for chunks, _, _ in parts])[:-1],
-    )
-    return [_Segment(*part, cost) for part, cost in zip(parts, added, strict=True)]
-
-
-class _Join(NamedTuple):
-    """Two segments joined. strain: the cost that joining adds, as a fraction of the limit."""
-
-    segment: _Segment
-    strain: float
-
-
-def _joins(pairs: Sequence[tuple[_Segment, _Segment]], config: ColorConfig) -> list[_Join]:
-    """Each pair of a segment and the next one joined, and the cost of joining."""
+def _joins(pairs: Sequence[tuple[_Segment, _Segment]], config: ColorConfig) -> list[_Segment]:
+    """Each pair of a segment and the next one joined; waters and costs are found together."""
     if not pairs:
         return []
     larger = [max(pair, key=lambda segment: len(segment.chunks)).water for pair in pairs]
     tables = [a.table + b.table for a, b in pairs]
     seen = [quantiles_by_range(table, config.encoding) for table in tables]
     waters, _ = robust.fit_all(seen, config, larger, ENOUGH)
-    chunks = [a.chunks + b.chunks for a, b in pairs]
-    joined = _segments(list(zip(chunks, tables, waters, strict=True)), config)
-    return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
+    chunks = [(*a.chunks, *b.chunks) for a, b in pairs]
+    numbers = [len(several) for several in chunks]
+    every = [chunk for several in chunks for chunk in several]
+    under = [water for water, n in zip(waters, numbers, strict=True) for _ in range(n)]
+    costs = quality([chunk.seen for chunk in every], config.robust, under)
+    added = np.split(costs - [chunk.own for chunk in every], np.cumsum(numbers)[:-1])
+    strains = [_strain(cost, *pair) for cost, pair in zip(added, pairs, strict=True)]
+    return list(map(_Segment, chunks, tables, waters, added, strains))
 
 
-def _strain(both: _Segment, earlier: _Segment, later: _Segment) -> float:
-    """The cost that joining two segments adds, as a fraction of the limit."""
+def _strain(costs: NDArray[np.float64], earlier: _Segment, later: _Segment) -> float:
+    """The cost that joining two segments adds, as a fraction of the limit. costs: of both."""
     number = len(earlier.chunks)
     fewer, more = sorted((number, len(later.chunks)))
     alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
-    added = (both.costs.sum() - earlier.costs.sum() - later.costs.sum()) / fewer
-    smaller = both.costs[:number] if number == fewer else both.costs[number:]
+    added = (costs.sum() - earlier.costs.sum() - later.costs.sum()) / fewer
+    smaller = costs[:number] if number == fewer else costs[number:]
     return float(max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone)))
 
 
@@ -297,11 +266,9 @@ def _joined(segments: list[_Segment], config: ColorConfig) -> list[_Segment]:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)
         if joins[best].strain > 1:
             break
-        segments[best : best + 2] = [joins[best].segment]
-        joins[best : best + 1] = []
+        segments[best : best + 2] = [joins.pop(best)]
         beside = [i for i in (best - 1, best) if 0 <= i < len(joins)]
-        for i, join in zip(
-            beside, _joins([(segments[i], segments[i + 1]) for i in beside], config), strict=True
-        ):
+        again = _joins([(segments[i], segments[i + 1]) for i in beside], config)
+        for i, join in zip(beside, again, strict=True):
             joins[i] = join
     return segments

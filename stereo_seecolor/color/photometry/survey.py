@@ -30,15 +30,14 @@ BLACK = -10_000
 
 
 class Fitter(Protocol):
-    """Takes frames one at a time, in order, and fits a water for each of them."""
+    """Takes frames one at a time, in order, and fits a water for each of them. joins: whether
+    ``join`` may be called.
+    """
+
+    joins: bool = False
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame and its table."""
-
-    @property
-    def joins(self) -> bool:
-        """Whether ``join`` may be called."""
-        return False
 
     def join(self, several: "CountedFrames") -> None:
         """Add several frames at once."""
@@ -165,6 +164,8 @@ class SurveyFitter(Fitter):
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
+        # else each frame is scaled to the exposure of the frames before it
+        self.joins = config.camera_exposure != "brightness"
         self._frames = FrameBrightness()
         self._classes: dict[int, MomentTable] = {}
 
@@ -177,11 +178,6 @@ class SurveyFitter(Fitter):
             brighter = Brightness.of(table, encoding).ratio(usual)
             frame = replace(frame, classes={0: shorten_exposure(table, brighter, encoding)})
         self.join(frame)
-
-    @property
-    def joins(self) -> bool:
-        """True unless each frame is scaled to the exposure of the frames before it."""
-        return self._config.camera_exposure != "brightness"
 
     def join(self, several: CountedFrames) -> None:
         """Add several frames."""
