@@ -65,11 +65,11 @@ def refit_color_after_water(
     if not survey_light.color.use.pattern:
         return survey_light
     light = survey_light.solved
-    gains = np.array([light.gains.get(name, np.zeros(3)) for name in names])
-    shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(
-        -1, SHADING, 3
+    gains, shading = (
+        np.array([of.get(name, np.zeros(each)) for name in names]).reshape(-1, each // 3, 3)
+        for of, each in ((light.gains, 3), (light.shading, 3 * SHADING))
     )
-    even = [_even(window, light, gains, shading, size) for window in windows]
+    even = [_even(window, light, gains[:, 0], shading, size) for window in windows]
     water = with_color_trend(_water(even), light.color_trend)
 
     def left(window: SeenWindow, seen: Observations) -> Window:
@@ -86,13 +86,9 @@ def refit_color_after_water(
     made, measured = numbered(made)
     prior = LightPrior.unknown(LEFT, alike(survey_light.crossed, len(windows)))
     equations = Equations.of([window.color for window in made], len(measured))
-    solved = min(
-        (solve(equations, use, prior) for use in USES),
-        key=lambda solution: solution.misfit,
-    )
-    return replace(
-        survey_light, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
-    )
+    solved = min((solve(equations, use, prior) for use in USES), key=lambda one: one.misfit)
+    coefficients = light.coefficients + solved.coefficients
+    return replace(survey_light, solved=replace(light, coefficients=coefficients))
 
 
 def _even(

@@ -60,11 +60,8 @@ class Brightness:
         brighter = np.log(self.light[both] / self.pixels[both]) - np.log(
             reference.light[both] / reference.pixels[both]
         )
-        return float(
-            np.exp(
-                np.average(brighter, weights=np.minimum(self.pixels[both], reference.pixels[both]))
-            )
-        )
+        weights = np.minimum(self.pixels[both], reference.pixels[both])
+        return float(np.exp(np.average(brighter, weights=weights)))
 
 
 def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
@@ -81,13 +78,7 @@ def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding)
 
 def exposed(water: Water, factor: float) -> Water:
     """Convert water parameters to a ``factor`` times longer exposure."""
+    water = replace(water, white=water.white * factor)
     if water.final_sigmoid:
-        return replace(
-            water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor
-        )
-    return replace(
-        water,
-        gamma_inf=water.gamma_inf * factor,
-        eta=water.eta * factor,
-        white=water.white * factor,
-    )
+        return replace(water, final_sigmoid=water.final_sigmoid * factor)
+    return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor)

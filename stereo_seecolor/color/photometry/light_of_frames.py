@@ -120,10 +120,6 @@ class Differences(NamedTuple):
         return cls(np.frombuffer(parts, PART), np.frombuffer(means, MEAN))
 
 
-Chosen = tuple[bool | None, bool | None]
-"""Whether gains of luminance and of color are used; None = if they help."""
-
-
 @dataclass(frozen=True, eq=False)
 class LightOfFrames:
     """gains: (F, 3) logarithms, 0 where they do not help. shading: (F, SHADING, 3) coefficients,
@@ -184,14 +180,14 @@ def solve_frames(
     known: Array,
     shading: tuple[bool, bool],
     errors: tuple[float, float] = (0.0, 0.0),
-    chosen: Chosen = (None, None),
+    chosen: tuple[bool | None, bool | None] = (None, None),
 ) -> LightOfFrames:
     """Solve gains and shading of all frames. They are not used where they enlarge the differences
     of patches left out.
 
     known: (F,) logarithms of gains, the prior mean; a frame without overlap gets its own. shading:
     whether luminance and color have shading. errors: standard errors of the pattern of luminance
-    and color.
+    and color. chosen: whether gains of luminance and of color are used; None = if they help.
     """
     parts = differing.parts
     measured = np.zeros(len(known), np.bool_)

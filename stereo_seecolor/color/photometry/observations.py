@@ -94,17 +94,9 @@ def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Obs
     """Find observations of (P, 3) patches in these views, numbered in order; each patch has at
     least two.
     """
-    patches, numbers, ranges, lights, pixels = [], [], [], [], []
-    for index, view in enumerate(views):
-        patch, range_m, light, pixel = view.look_at(points_m)
-        patches.append(patch)
-        numbers.append(np.full(patch.size, index))
-        ranges.append(range_m)
-        lights.append(light)
-        pixels.append(pixel)
-    patch, seen_by, range_m, light, pixel = (
-        np.concatenate(parts) for parts in (patches, numbers, ranges, lights, pixels)
-    )
+    seen = [view.look_at(points_m) for view in views]
+    patch, range_m, light, pixel = map(np.concatenate, zip(*seen, strict=True))
+    seen_by = np.repeat(np.arange(len(seen)), [len(patches) for patches, *_ in seen])
     several = np.bincount(patch, minlength=len(points_m))[patch] > 1
     order = np.flatnonzero(several)[np.argsort(patch[several], kind="stable")]
     compact = np.unique(patch[order], return_inverse=True)[1]
@@ -151,14 +143,12 @@ class PhotometricView:
         """Return numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the visible
         patches.
         """
-        farthest_m = (
-            float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
-        )
+        farthest_m = float(np.fmax.reduce(self.smooth_range_m, axis=None, initial=0.0))
+        away_m = points_m - self.T_world_camera[:3, 3]
         near = np.flatnonzero(
-            np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1)
-            < (1 + SETTINGS.same_range) * farthest_m
+            np.linalg.norm(away_m, axis=1) < (1 + SETTINGS.same_range) * farthest_m
         )
-        local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
+        local = away_m[near] @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px

@@ -1,6 +1,6 @@
 """The light of a survey: the terms that the dive determines, and their effect."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.color_trend import ColorTrend
 from stereo_seecolor.color.photometry.crossing import CROSSING_SETTINGS, alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, choose
-from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, Light
+from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, ByFrame, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Alike, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
 from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
 from stereo_seecolor.color.photometry.single_illumination import is_single_illumination
+from stereo_seecolor.compute.names import Names
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,11 @@ class ObservationLimits:
 LIMITS = ObservationLimits()
 COMPARED = "stereo-seecolor evaluate OUT --spread"
 """The note names this command, because spots left out of the fit alone give other numbers."""
+LOOSE = ": lines that overlap or cross, and pictures of the turns between them, would reduce it"
 PARTS_DIFFER = (
     "lines that share no spot were lit differently (lamps switched on between them?): "
     "the lamps' light is not corrected"
 )
-_ByName = Mapping[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,23 +72,14 @@ class SurveyLight:
     @property
     def light(self) -> Light | None:
         """Return the light; None if no term helps."""
-        return (
-            self.solved
-            if any(self.luminance.use)
-            or any(self.color.use)
-            or self.solved.gains
-            or self.solved.shading
-            else None
-        )
+        used = (*self.luminance.use, *self.color.use, self.solved.gains, self.solved.shading)
+        return self.solved if any(used) else None
 
     @property
     def note(self) -> str:
         """Return a line for the user on the terms in use and their effect; "" for none."""
-        used = (
-            f"light: {'; '.join(self._used())}; more in water.json"
-            if self.light
-            else self._why_not()
-        )
+        parts = "; ".join(self._used())
+        used = f"light: {parts}; more in water.json" if self.light else self._why_not()
         if self.refused is None:
             return used
         as_taken, about = map(_percent, self.refused)
@@ -100,10 +92,9 @@ class SurveyLight:
         """The note where no term is used: too few spots; "" where the light is even."""
         if self.parts_differ:
             return f"light: {PARTS_DIFFER}"
-        few = (
-            f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
-        )
-        return "" if self.luminance.judged else f"light: {few}: too few, nothing is corrected"
+        few = f"only {self.luminance.judging} spots are seen by two frames and can judge"
+        why = f"light: {few} a correction: too few, nothing is corrected"
+        return "" if self.luminance.judged else why
 
     def _used(self) -> list[str]:
         parts = [PARTS_DIFFER] if self.parts_differ else []
@@ -111,9 +102,8 @@ class SurveyLight:
         if any(luminance.use):
             parts.append(f"brightness corrected for {luminance.use}")
         if luminance.use.pattern:
-            parts.append(
-                f"standard error of the uneven light {_percent(luminance.error)}{self._loose}"
-            )
+            error = f"standard error of the uneven light {_percent(luminance.error)}"
+            parts.append(error + (LOOSE if luminance.error > LIMITS.loose else ""))
         if any(color.use):
             same = "the same" if color.use == luminance.use else str(color.use)
             parts.append(f"color corrected for {same}")
@@ -129,14 +119,6 @@ class SurveyLight:
         if self.light:
             parts.append(f"by how much views of one spot differ before and after: {COMPARED}")
         return parts
-
-    @property
-    def _loose(self) -> str:
-        """Advice for a pattern whose standard error is large; else ""."""
-        more = (
-            ": lines that overlap or cross, and pictures of the turns between them, would reduce it"
-        )
-        return more if self.luminance.error > LIMITS.loose else ""
 
     def at(
         self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]
@@ -154,8 +136,8 @@ class SurveyLight:
 
     def of_frames(
         self,
-        gains: _ByName,
-        shading: _ByName,
+        gains: ByFrame,
+        shading: ByFrame,
         slopes: NDArray[np.float64],
         offsets: tuple[float, float],
     ) -> "SurveyLight":
@@ -235,15 +217,15 @@ def solve_light(
     color = _choose_color(made, terms, same, len(measured), crossed)
     of_luminance, of_color = luminance.solution, color.solution
     gains = of_luminance.gains + of_color.gains + exposures[measured, None]
-    seen = [names[frame] for frame in measured]
+    seen = Names(names[frame] for frame in measured)
     is_faded = luminance.use.pattern and not differ
     light = replace(
         even,
         coefficients=of_luminance.coefficients + of_color.coefficients,
-        gains=_by_name(gains, seen),
+        gains=_by_frame(gains, seen),
         fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if is_faded else 0.0,
         color_trend=_color_trend(color, made, even.reference_m),
-        shading=_by_name(of_luminance.shading + of_color.shading, seen),
+        shading=_by_frame(of_luminance.shading + of_color.shading, seen),
     )
     return SurveyLight(
         light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ
@@ -268,13 +250,9 @@ def _choose_color(
     return chosen.without_pattern(colors)
 
 
-def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Frame name -> its numbers, of (F, ...) numbers; empty where all are 0."""
-    return (
-        {name: own.ravel() for name, own in zip(names, numbers, strict=True)}
-        if numbers.any()
-        else {}
-    )
+def _by_frame(numbers: NDArray[np.float64], names: Names) -> ByFrame:
+    """The (F, ...) numbers of frames by name; empty where all are 0."""
+    return ByFrame(names, numbers.reshape(len(names), -1)) if numbers.any() else ByFrame()
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
