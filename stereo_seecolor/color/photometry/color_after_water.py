@@ -1,10 +1,9 @@
 """The color of the pattern of light, solved again after the water is removed from the observations.
 
-If range depends on the position in the image (borders are farther than the middle), both the
-pattern and the trend with range explain differences between views of a spot. The trend is left to
-the water, but the fitted water removes another trend, and backscatter: views that agreed differ
-again, and borders get another color than the middle. So the water is fitted to the observations, as
-it is later to the images, and the remaining color is added to the pattern.
+If range depends on the position in the image (borders are farther than the middle), pattern and
+trend with range explain the same differences between views. The trend is left to the water, but the
+fitted water removes another trend, and backscatter: borders get another color than the middle. So
+the water is fitted to the observations, and the color that it leaves is added to the pattern.
 """
 
 from collections.abc import Sequence
@@ -33,17 +32,16 @@ from stereo_seecolor.records import Water
 
 Array = NDArray[np.float64]
 LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
-"""Prior of the remaining color of the pattern: a few percent, and no trend with range, which was
-removed with the water. With 0.05 two of eight synthetic dives improve less and one gets worse; with
-0.2 the evidence supports the pattern in no dive.
+"""Prior of the remaining color of the pattern: a few percent, and no trend with range. With 0.05
+two of eight synthetic dives improve less and one gets worse; with 0.2 none has a pattern.
 """
 USES = (
     LightTerms(gains=True),
     LightTerms(pattern=True, gains=True),
     LightTerms(pattern=True, ranged=True, gains=True),
 )
-"""Each frame has a gain here, which is not used: without it, a slope along the track follows the
-error of the water between altitudes (synthetic dives: 10 % of pattern in color instead of 4).
+"""Gains are solved and not used: without them, a slope along the track follows the error of the
+water between altitudes (synthetic dives: 10 % of pattern in color instead of 4).
 """
 LINEAR = ColorConfig(input_encoding="linear")
 FULL = 65535

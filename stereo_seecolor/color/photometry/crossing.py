@@ -18,13 +18,10 @@ class CrossingSettings:
     """
 
     correlated: float = 10.0
-    """Number of observations that count as one: neighbors share a caustic and errors of range and
-    pose.
-    """
+    """Observations that count as one: neighbors share a caustic and errors of range and pose."""
     whole: float = 1.5
-    """Motion below which more observations count as one, in inverse proportion. The reef moves by
-    0.3 in three neighboring frames: with 10 observations as one, their pattern of luminance leaves
-    0.84 to 1.22 of the spread of other frames, with 50 0.84 to 0.94.
+    """Motion below which more observations count as one, in inverse proportion. At 0.3 a pattern of
+    luminance with 10 as one leaves 0.84 to 1.22 of the spread of other frames, 50 0.84 to 0.94.
     """
     color: float = 1.0
     """Least motion for a pattern of color: with less, other frames got worse (1.5 times at 0.3)."""

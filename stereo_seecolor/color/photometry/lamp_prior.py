@@ -1,10 +1,9 @@
 """The prior of the light of lamps on the rig: mean and covariance of the computed light of many
 random rigs.
 
-Lamps near the camera make a pattern that changes with range, and their light falls off with the
-square of the range. The two are correlated: a pattern that changes with range like that of lamps
-determines the fall-off. Views of the same spots alone hardly distinguish it from frames with less
-light.
+Lamps near the camera make a pattern that changes with range, and their light falls off. The two are
+correlated: a pattern that changes like that of lamps determines the fall-off, which views alone
+hardly distinguish from frames with less light.
 """
 
 from dataclasses import dataclass
@@ -37,9 +36,7 @@ class LampSettings:
     ahead_m: float = 0.3
     """Distance of lamps in front of the camera and behind it."""
     beam: tuple[float, float] = (0.5, 6.0)
-    """Power of the cosine of the angle from the axis of the lamp: half the light at 75 and at 27
-    degrees.
-    """
+    """Power of the cosine of the angle from a lamp's axis: half the light at 75 and 27 degrees."""
     aim_rad: float = 0.3
     """Standard deviation of the axis of a lamp relative to that of the camera, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)

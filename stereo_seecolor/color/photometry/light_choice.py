@@ -30,9 +30,7 @@ class ChoiceSettings:
     """Conditions for a term."""
 
     better: float = 0.02
-    """Fraction by which it must lower the spread on patches left out; by chance it is less than 1
-    %.
-    """
+    """Fraction by which it must lower the spread on patches left out; by chance less than 1 %."""
     visible: float = 0.003
     """Least reduction of the spread, natural logarithm: less is not visible, even side by side."""
     offset: float = 0.03
@@ -40,9 +38,7 @@ class ChoiceSettings:
     offset_left: float = 0.8
     """if at most this fraction of them remains."""
     sure: float = 2.0
-    """Frames differ if their offset exceeds this number of standard errors, from the scatter of its
-    patches.
-    """
+    """Frames differ if their offset exceeds this number of standard errors."""
     robust_error: float = 1.17
     """Relative standard error of a robust deviation of Gaussian values, times root N."""
     least_patches: int = 300
@@ -104,12 +100,11 @@ class Candidate(NamedTuple):
 
 def choose(windows: Sequence[Window], candidates: Sequence[Candidate], frames: int) -> Choice:
     """Choose the candidate with the most evidence among those that lower the spread on patches left
-    out enough.
+    out enough, and are within one standard error of the least spread (Breiman et al. 1984,
+    "Classification and regression trees").
 
-    These candidates meet ChoiceSettings and are within one standard error of the least spread
-    (Breiman et al. 1984, "Classification and regression trees"). Shading, and gains of frames whose
-    differences caustics explain, also need more evidence than the same terms without them, because
-    patches left out lie under the same caustics as their neighbors in the fit.
+    Shading, and gains of frames whose differences caustics explain, also need more evidence than
+    the same terms without them: patches left out lie under the same caustics as those of the fit.
     candidates: the first has no terms. frames: number of frames.
     """
     judge = [window.part(held=True) for window in windows]
@@ -154,9 +149,7 @@ def choose(windows: Sequence[Window], candidates: Sequence[Candidate], frames: i
 
 
 def spread_left(windows: Sequence[Window], solution: Solution) -> ViewDifferences:
-    """Compute the spread of differences between consecutive views of a patch, after the solution is
-    removed.
-    """
+    """The spread of differences between consecutive views of a patch, the solution removed."""
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
     for window in windows:

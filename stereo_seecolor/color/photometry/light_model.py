@@ -4,10 +4,9 @@ image, its range and the frame.
     log I_c(u, v, z, frame) = log scene_c + log pattern_c(u, v, z) + log gain_c(frame) + log
         shading_c(u, v, frame)
 
-The pattern is vignetting times the light of lamps on the rig: smooth over the image and over range,
-the same in all frames. Its logarithm is a polynomial with mean 0 over the image at every range, so
-that the trend with range is left to the water. The shading is sunlight and shadows that move over
-the reef: a polynomial over the image, another for each frame.
+The pattern is vignetting times the light of lamps on the rig, the same in all frames: a polynomial
+with mean 0 over the image at every range, so that the trend with range is left to the water. The
+shading is sunlight and shadows that move over the reef: another polynomial for each frame.
 """
 
 from array import array
@@ -32,18 +31,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PatternShape:
-    """Degrees of the polynomial. On 20 frames of a strobe-lit reef (real), half left out, degrees 6
-    and 8 are not better.
-    """
+    """Degrees of the polynomial."""
 
     degree: int = 4
-    """Total degree over the image, enough for lamps and lenses."""
+    """Total degree over the image: 6 and 8 are not better on a strobe-lit reef (real)."""
     range_degree: int = 2
     """Degree in the logarithm of the range."""
     range_step: float = 0.2
-    """Logarithm of range that is 1 in the polynomial, so that terms have similar size at usual
-    relief.
-    """
+    """Logarithm of range that is 1 in the polynomial: terms have similar size at usual relief."""
     most: float = 1.6
     """Largest absolute logarithm of the pattern, a factor of 5; larger values are extrapolation."""
 
@@ -139,9 +134,7 @@ class Light:
     shading: Mapping[str, Array] = field(default_factory=ByFrame)
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
-        """Return the light of the frame ``name``, whose image has ``size`` (width, height)
-        pixels.
-        """
+        """The light of the frame ``name``, whose image has ``size`` (width, height)."""
         shading = shading_map(self.shading.get(name, np.zeros(3 * SHADING)), size)
         return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size), shading)
 
@@ -153,18 +146,14 @@ class Light:
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 
     def log_range(self, range_m: NDArray[np.floating]) -> Array:
-        """Compute the variable of the polynomial: 0 at the reference range and for unknown
-        ranges.
-        """
+        """The variable of the polynomial: 0 at the reference range and for unknown ranges."""
         known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
         return np.asarray(
             np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step
         )
 
     def maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
-        """Compute (H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each
-        pixel.
-        """
+        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` by pixel."""
         if size in self._maps:
             return self._maps[size]
         width, height = size
@@ -253,7 +242,7 @@ class FrameLight:
 
 
 def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
-    """Compute the (N, TERMS) terms of the polynomial, each with mean 0 over the image."""
+    """(N, TERMS) terms of the polynomial, each with mean 0 over the image."""
     flat = _flat_terms(places(pixel, size), POWERS)
     return np.concatenate(
         [flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1
@@ -261,16 +250,12 @@ def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Arra
 
 
 def places(pixel: Array, size: tuple[int, int]) -> Array:
-    """Convert (N, 2) pixels x, y to -1..1 from edge to edge of an image of ``size`` (width,
-    height).
-    """
+    """(N, 2) pixels x, y as -1..1 from edge to edge of an image of ``size`` (width, height)."""
     return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
 
 
 def shading_terms(place: Array) -> Array:
-    """Compute (N, SHADING) terms of the shading of a frame at (N, 2) ``places``, each with mean 0
-    over the image.
-    """
+    """(N, SHADING) terms of the shading of a frame at (N, 2) ``places``, each of mean 0."""
     return _flat_terms(place, POWERS[:SHADING])
 
 
@@ -280,9 +265,7 @@ def _flat_terms(place: Array, powers: Sequence[tuple[int, int]]) -> Array:
 
 
 def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Compute the logarithm of the shading of a frame (H, W, 3). coefficients: of
-    ``Light.shading``.
-    """
+    """(H, W, 3) logarithm of the shading of a frame. coefficients: of ``Light.shading``."""
     width, height = size
     if not coefficients.any():
         return np.zeros((height, width, 3), np.float32)
@@ -318,7 +301,7 @@ MEAN_SQUARES = np.array(
 
 LAMPS_FADE = 1.5
 """Least power of the range, water and lamps together, at which lamps on the rig give most of the
-light: lamps alone have 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
+light: 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
 """
 
 

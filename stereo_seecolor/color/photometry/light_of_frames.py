@@ -4,16 +4,11 @@ the same patches.
     log I(frame, u, v) - log I(other, u', v') = gain(frame) + shading(frame; u, v) - gain(other) -
         shading(other; u', v')
 
-Pattern and trend with range have been solved before (in a long dive from a part of the frames).
-Medians over the patches in parts of the image represent the difference of two frames; the gains and
-shadings of all frames follow from these in one banded system.
-
-Two more unknowns belong to the whole dive. An error of the slopes of the pattern looks like a drift
-of gains along a line, so the slopes are solved again. The mean light of the reef is the same in
-each frame, with a large error, because the reef changes slowly along a dive: this decides between
-slope and drift, and bounds the drift of long chains. Shading is sunlight and shadows as wide as an
-image, at another place on the reef in the next frame: views cannot distinguish a shadow that stays
-in place from the color of the reef.
+Pattern and trend with range have been solved before. Medians over the patches in parts of the
+image represent the difference of two frames; all gains and shadings follow in one banded system. An
+error of the slopes of the pattern looks like a drift of gains along a line, so the slopes are
+solved again. The mean light of the reef is the same in each frame, with a large error: this
+decides between slope and drift, and bounds the drift of long chains.
 """
 
 from collections.abc import Iterable
@@ -52,18 +47,15 @@ class FramesSettings:
     """Number of patches with which a part has half of its largest weight."""
     gain: tuple[float, float] = (3.0, 0.05)
     """Prior standard deviation of the gain of a frame, luminance and color, logarithm: an exposure
-    may stay changed for the rest of a dive.
+    may stay changed.
     """
     reef: tuple[float, float] = (2.0, 0.05)
     """Standard error of the mean light of the reef in a frame, luminance and color, logarithm. On
-    synthetic dives luminance varies by 0.25 between frames; 60 neighbors count as one frame,
-    because a reef may become darker for good. Color varies by 0.05, and changes little for good:
-    with 0.1 and 0.2, drawn dives and a real one are worse.
+    synthetic dives they vary by 0.25 and 0.05; 60 neighbors count as one frame in luminance,
+    because a reef may become darker for good. For color 0.1 and 0.2 are worse.
     """
     outlier: float = 1.5
-    """Robust standard deviations beyond which a part has less than half its weight (Cauchy): a
-    wrong pose.
-    """
+    """Robust standard deviations at which a part has half its weight (Cauchy): a wrong pose."""
     floor: float = 0.005
     """Least standard deviation of a part, logarithm."""
     rounds: int = 5
@@ -93,8 +85,8 @@ PART = np.dtype(
     ]
 )
 """Part of frame i that frame j < i also shows: logarithm of i over j (luminance, color R, G, B),
-median over its patches, its position in both, and whether its patches are left out of the fit, to
-test it. 22 bytes: a dive of 100,000 frames has five million of these.
+median over its patches, its position in both, and whether its patches are left out of the fit. 22
+bytes: a dive of 100,000 frames has five million of these.
 """
 Parts = NDArray[np.void]
 """(D,) of PART, those of two frames one after the other."""
@@ -112,7 +104,7 @@ class Differences(NamedTuple):
 
     @classmethod
     def joined(cls, several: "Iterable[Differences]") -> "Differences":
-        """Join the differences, as bytes while they come in: a dive has millions."""
+        """Join the differences, as bytes: a dive has millions."""
         parts, means = bytearray(), bytearray()
         for one in several:
             parts += one.parts.tobytes()

@@ -19,10 +19,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Deviations:
-    """Prior standard deviations of logarithms with mean 0.
-
-    A slope of the pattern along the track looks like a drift of gains. The prior of gains is so
-    narrow that the pattern explains both.
+    """Prior standard deviations of logarithms with mean 0. That of gains is narrow, so that the
+    pattern explains a slope along the track, which looks like a drift of gains.
     """
 
     coefficient: float
@@ -36,14 +34,10 @@ class Deviations:
     shading: float
     """Standard deviation of the change of shading from the middle of the image to its edge."""
     systematic: float
-    """Error of the model itself (the light of lamps is not a polynomial): a lower limit of the
-    error of observations relative to the priors.
-    """
+    """Error of the model itself (lamps are not a polynomial): the least error of observations."""
     mean_reef: float
-    """Factor on the standard error of the mean of the reef, which is the same in each part of the
-    image and in each frame. Brightness of the reef varies more than parts of the image show: with
-    1, 3.0 % of the pattern of nine synthetic dives remain, with 2 2.1 %, without the mean reef 2.2
-    %.
+    """Factor on the standard error of the mean of the reef, whose brightness varies more than parts
+    of the image show: with 1, 3.0 % of the pattern of nine synthetic dives remain, with 2 2.1 %.
     """
 
 
@@ -51,8 +45,7 @@ LUMINANCE = Deviations(
     coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05, mean_reef=2.0
 )
 """Corners with half the light and the fall-off of lamps are common; strobes and exposures vary by a
-fifth of a stop. Without ``systematic``, gains explained half of the fall-off of lamps, on a
-synthetic night dive whose views agree within 1 %.
+fifth of a stop. Without ``systematic``, gains explained half of the fall-off of lamps by night.
 """
 LENS = replace(LUMINANCE, gain=0.5)
 """In sunlight clouds, sun and automatic exposure change a frame by a stop and more."""
@@ -61,14 +54,13 @@ LENS_REST = 0.03
 COLOR = Deviations(
     coefficient=0.2, ranged=0.05, trend=0.2, gain=0.06, shading=0.05, systematic=0.0, mean_reef=1.0
 )
-"""Lamps and lens change color less than brightness. Gains of a frame include its white balance;
-with 0.03 and 0.1, two separately solved halves of a real dive differ by 3 and 4 % in their common
-frame.
+"""Lamps and lens change color less than brightness. Gains include white balance: with 0.03 and 0.1,
+two halves of a real dive differ by 3 and 4 % in their common frame.
 """
 
 
 def shading_deviations(about: Deviations) -> tuple[float, ...]:
-    """Compute (SHADING,) standard deviations of the coefficients of the shading of a frame."""
+    """(SHADING,) standard deviations of the coefficients of the shading of a frame."""
     return tuple(about.shading / (a + b) for a, b in POWERS[:SHADING])
 
 
@@ -124,9 +116,7 @@ class LightPrior:
 
     @classmethod
     def lamps(cls, reference_m: float, alike: "Alike") -> "LightPrior":
-        """Make the prior of luminance under lamps on the rig, with or without daylight, about
-        ``reference_m``.
-        """
+        """Make the prior of luminance under lamps, with or without daylight, about a range."""
         return cls(*lamp_ensemble(reference_m), LUMINANCE, alike)
 
     @classmethod

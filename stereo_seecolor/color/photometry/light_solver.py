@@ -4,11 +4,10 @@ windows of neighboring frames.
     log light of observation k = scene(patch_k) + terms_k coefficients + trend(range_k) +
         log_gain(frame_k)
 
-The brightness of a patch is unknown and eliminated within its window, so that each window adds
-normal equations. The trend with range contains the water and the fall-off of lamps; it is fitted
-together with the other terms and stays in the images. Luminance (the mean logarithm of R, G, B) and
-color (the rest) are solved separately, because moving shadows and caustics change luminance and
-hardly color.
+The brightness of a patch is eliminated within its window, so that each window adds normal
+equations. The trend with range contains the water and the fall-off of lamps, and stays in the
+images. Luminance (the mean logarithm of R, G, B) and color (the rest) are solved separately,
+because moving shadows and caustics hardly change color.
 """
 
 from collections.abc import Sequence
@@ -40,15 +39,11 @@ class SolverSettings:
     rounds: int = 5
     """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
-    """Robust standard deviations beyond which an observation has less than half its weight
-    (Cauchy): fish.
-    """
+    """Robust standard deviations at which an observation has half its weight (Cauchy): fish."""
     first_prior: float = 1e-3
     """Precision of all unknowns in the first round, so that the system is solvable."""
     least_scale: float = 1e-4
-    """Least robust deviation of residuals, logarithm: without it, all observations without noise
-    would be outliers.
-    """
+    """Least robust deviation of residuals, logarithm, for observations without noise."""
 
 
 SETTINGS = SolverSettings()
@@ -273,11 +268,8 @@ def _products(parts: "Sequence[_WindowSums]", weights: Sequence[Array], size: in
 @dataclass(frozen=True, eq=False)
 class MeanReef:
     """The mean light of the reef: over many patches it is the same in each part of the image and in
-    each frame, at equal range.
-
-    Views of one patch show neither a slope across a straight track nor a drift of gains along it.
-    The light of the patches has the same mean everywhere, with an error that follows from the
-    number of independent patches.
+    each frame, at equal range, with an error by the number of independent patches. Views of one
+    patch show neither a slope across a straight track nor a drift of gains along it.
 
     precision (n, n), right (n, Q): normal equations, as of a prior. squares (Q,): of the light of
     the patches, in variances.
@@ -301,7 +293,7 @@ class MeanReef:
         return cls(rest[outputs:, outputs:], rest[outputs:, :outputs], np.diag(rest)[:outputs])
 
     def squares_left(self, unknowns: Array) -> float:
-        """Compute the remaining sum of squares with the (n, Q) unknowns, in variances."""
+        """The sum of squares that the (n, Q) unknowns leave, in variances."""
         explained = 2 * self.right - self.precision @ unknowns
         return float(self.squares.sum() - (unknowns * explained).sum())
 
@@ -315,8 +307,7 @@ class ReefSettings:
     nearer than sand.
     """
     cells: int = 3
-    """Parts of the image, each way, whose means determine the number of patches that count as one.
-    """
+    """Parts of the image, each way, whose means tell how many patches count as one."""
     least_variance: float = 1e-4
     """Least variance of a patch times the number of patches that count as one."""
 
@@ -333,8 +324,8 @@ def _cells(terms: NDArray[np.float32]) -> NDArray[np.int64]:
 def _variance_of_mean(
     lights: Sequence[Array], cells: Sequence[NDArray[np.int64]], nuisance: int
 ) -> float:
-    """Variance of a patch's light times the number of patches that are alike: that of the mean of n
-    patches is this by n. Measured from the means of parts of pictures.
+    """Variance of a patch's light times the number of patches that are alike, from the means of
+    parts of pictures.
     """
     every = np.concatenate(lights)
     fitted = np.linalg.lstsq(every[:, :nuisance], every[:, nuisance:], rcond=None)[0]
@@ -349,10 +340,8 @@ def _variance_of_mean(
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
-    """Compute the standard error of the pattern at the reference range, logarithm, rms over the
-    image.
-
-    others: solutions that fit about equally well, and this one, weighted by their evidence.
+    """Standard error of the pattern at the reference range, logarithm, rms over the image. others:
+    solutions that fit about equally well, and this one, weighted by their evidence.
     """
     weights = np.exp(
         0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others]))
@@ -439,9 +428,7 @@ class _WindowSums:
 
 
 def explained(window: Window, solution: Solution) -> Array:
-    """Compute the (N, Q) values of a window from a solution, up to the brightness of its
-    patches.
-    """
+    """(N, Q) values of a window by a solution, up to the brightness of its patches."""
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
     part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
     return np.asarray(part + window.trend @ solution.trend)

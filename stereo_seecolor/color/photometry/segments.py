@@ -40,12 +40,10 @@ class SegmentSettings:
     """Limits for joining. Costs: of ``robust.quality``, means over the smaller segment."""
 
     most_chunks: int = 64
-    """Largest number of chunks; with more, neighbors are joined. It limits memory; the position of
-    a cut is known to a 32nd.
-    """
+    """With more, neighbors are joined, to limit memory; a cut is known to a 32nd."""
     worse: float = 25.0
-    """Largest cost that a shared water adds. Parts of one dive add up to 6 (the sample dive, a real
-    reef); groups of four frames of these two sites mostly 32, at least 5.
+    """Largest cost that a shared water adds. Parts of one dive add up to 6; groups of four frames
+    of two sites mostly 32, at least 5.
     """
     bad: float = 50.0
     """Cost under a shared water above which frames do not share it, for any cost of their own

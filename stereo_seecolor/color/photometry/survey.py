@@ -51,15 +51,26 @@ class Fitter(Protocol):
         return ()
 
 
-class FrameFitter(Fitter):
+class _FittedWhenAdded(Fitter):
+    """Fits the water of each frame when it is added."""
+
+    def __init__(self) -> None:
+        self._waters: dict[str, Water | None] = {}
+        self._last: Water | None = None
+
+    def waters(self) -> Mapping[str, Water]:
+        """Return the water of each frame; one without ranges gets that of the frame before it."""
+        return fill_missing_waters(self._waters.items())
+
+
+class FrameFitter(_FittedWhenAdded):
     """``color.lock: frame``: each frame has a separate water; fits of ``linked`` frames, which show
     the same spots as the frame before, start from its water.
     """
 
     def __init__(self, fit: FitTable, linked: Collection[str] = ()) -> None:
+        super().__init__()
         self._fit, self._linked = fit, linked
-        self._waters: dict[str, Water | None] = {}
-        self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable) -> None:
         """One more frame."""
@@ -67,20 +78,15 @@ class FrameFitter(Fitter):
             self._last = self._fit(table, self._last if name in self._linked else None)
         self._waters[name] = self._last if table.pixels.any() else None
 
-    def waters(self) -> Mapping[str, Water]:
-        """Return the water of each frame; one without ranges gets that of the frame before it."""
-        return fill_missing_waters(self._waters.items())
 
-
-class SlidingFitter(Fitter):
+class SlidingFitter(_FittedWhenAdded):
     """``color.lock: N``: water and exposure of each frame are fitted to the last few frames."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
+        super().__init__()
         self._config, self._fit = config, fit
-        self._waters: dict[str, Water | None] = {}
         self._window: deque[bytes] = deque()
         self._total = MomentTable.empty()
-        self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame to the window; the oldest leaves it."""
@@ -96,12 +102,6 @@ class SlidingFitter(Fitter):
         if self._total.pixels.any():
             self._last = _fitted(self._total, self._config, self._fit, self._last)
         return self._last
-
-    def waters(self) -> Mapping[str, Water]:
-        """Return the water of the window of each frame; a frame without ranges gets that of the
-        frame before.
-        """
-        return fill_missing_waters(self._waters.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,9 +222,7 @@ def survey_waters(
 
 
 def usual_exposure(classes: Mapping[int, MomentTable]) -> tuple[int, MomentTable]:
-    """Return the class with most pixels, and the sum of the tables of it and of the classes next to
-    it.
-    """
+    """Return the class with most pixels, and the sum of its table and those next to it."""
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
     most = max(lit, key=lambda kind: int(classes[kind].pixels.sum()))
     return most, reduce(add, (table for kind, table in classes.items() if abs(kind - most) <= 1))
@@ -255,9 +253,7 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
 
 
 def fill_missing_waters(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
-    """Return the waters by name; a frame without one gets the last one before it, or else the
-    first.
-    """
+    """The waters by name; a frame without one gets the last one before it, or else the first."""
     found, before, last = ByName[Water](), list[str](), None
     for name, water in waters:
         last = water or last

@@ -23,15 +23,11 @@ class ObservationLimits:
     """Limits of the observations for the light, and of its standard error."""
 
     light: tuple[float, float] = (0.003, 0.97)
-    """Least and largest linear light of each channel: darker is noise and backscatter, brighter may
-    be clipped.
-    """
+    """Linear light of each channel: darker is noise and backscatter, brighter may be clipped."""
     range_quantiles: tuple[float, float] = (0.01, 0.99)
     """Quantiles of the ranges of observations; the pattern is not extrapolated beyond them."""
     loose: float = 0.1
-    """Standard error of a pattern, logarithm, above which a note explains how to lower it: ten of
-    49 synthetic dives, in none of which frames of two lines show the same spots.
-    """
+    """Standard error of a pattern, logarithm, above which a note explains how to lower it."""
 
 
 LIMITS = ObservationLimits()
@@ -77,7 +73,7 @@ class SurveyLight:
 
     @property
     def note(self) -> str:
-        """Return a line for the user on the terms in use and their effect; "" for none."""
+        """Return a line on the terms in use and their effect; "" for none."""
         parts = "; ".join(self._used())
         used = f"light: {parts}; more in water.json" if self.light else self._why_not()
         if self.refused is None:
@@ -123,10 +119,8 @@ class SurveyLight:
     def at(
         self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """Compute the (N, 3) logarithm of the light without gains: pattern and trend, of water and
-        lamps together.
-
-        pixel: (N, 2) x, y in an image of ``size`` (width, height). range_m: (N,) meters.
+        """(N, 3) logarithm of the light without gains: pattern and trend. pixel: (N, 2) x, y in an
+        image of ``size`` (width, height). range_m: (N,) meters.
         """
         luminance, color = self.luminance.solution, self.color.solution
         seen = replace(self.solved, coefficients=luminance.coefficients + color.coefficients)
@@ -141,9 +135,7 @@ class SurveyLight:
         slopes: NDArray[np.float64],
         offsets: tuple[float, float],
     ) -> "SurveyLight":
-        """Return the light with these gains and shading of frames, by name, and with (2, 3) slopes
-        added to the pattern.
-        """
+        """Return the light with these gains and shading, and (2, 3) slopes added to the pattern."""
         coefficients = self.solved.coefficients + np.pad(slopes, ((0, TERMS - 2), (0, 0)))
         solved = replace(self.solved, coefficients=coefficients, gains=gains, shading=shading)
         return replace(self, solved=solved, offsets=offsets)
