@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.fitting.robust import COLOR_AXES
+from stereo_seecolor.color.fitting.robust import COLOR_AXES, NAMES
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
@@ -24,7 +24,6 @@ LEAST_VARIANCE = 1e-12
 """Least variance of a logarithm: the errors that a user stated may not be possible for three
 numbers that sum to 0.
 """
-NAMES = ("y", "w", "beta", "gamma_inf", "white")
 
 
 def with_errors_of_blocks(
