@@ -55,11 +55,8 @@ def alike(crossed: float, windows: int) -> Alike:
 def _shift(window: SeenWindow, size: tuple[int, int]) -> float:
     """Median motion of a window's patches, in image sizes."""
     nearest, seen = 1 + int(np.argmin(np.abs(window.frames[1:] - window.frames[0]))), window.seen
-    first, there = (np.flatnonzero(seen.frame == number) for number in (0, nearest))
-    common, a, b = np.intersect1d(
-        seen.patch[first], seen.patch[there], assume_unique=True, return_indices=True
-    )
-    if not common.size:
+    a, b = seen.of_both(0, nearest)
+    if not a.size:
         return 0.0
-    moved = (seen.pixel[first[a]] - seen.pixel[there[b]]) / np.array(size)
+    moved = (seen.pixel[a] - seen.pixel[b]) / np.array(size)
     return float(np.linalg.norm(np.median(moved, axis=0)))

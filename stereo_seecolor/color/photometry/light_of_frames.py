@@ -140,19 +140,15 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
 
     size: (width, height) of the images of the observations.
     """
-    seen, good = window.seen, usable(window.seen)
-    patch, frame, pixel = seen.patch[good], seen.frame[good], seen.pixel[good]
-    left = np.log(seen.light[good]) - light.at(pixel, seen.range_m[good], size)
+    seen = window.seen.part(usable(window.seen))
+    left = np.log(seen.light) - light.at(seen.pixel, seen.range_m, size)
     luminance = left.mean(axis=1, keepdims=True)
-    values, at = np.concatenate([luminance, left - luminance], axis=1), places(pixel, size)
+    values, at = np.concatenate([luminance, left - luminance], axis=1), places(seen.pixel, size)
     along = SETTINGS.parts if light.luminance.use.shading else 1
-    first, found = np.flatnonzero(frame == 0), []
+    first, found = np.flatnonzero(seen.frame == 0), []
     for other in range(1, len(window.frames)):
-        there = np.flatnonzero(frame == other)
-        common, a, b = np.intersect1d(
-            patch[first], patch[there], assume_unique=True, return_indices=True
-        )
-        a, b, held = first[a], there[b], (common // 2) % 2 == 1
+        a, b = seen.of_both(0, other)
+        held = (seen.patch[a] // 2) % 2 == 1
         if min(held.sum(), (~held).sum()) < SETTINGS.least_patches:
             continue
         cell = np.clip(((at[a] + 1) / 2 * along).astype(int), 0, along - 1) @ (2, 2 * along) + held

@@ -137,12 +137,13 @@ def window_of(
     """
     patch = seen.patch[usable]
     kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1]
-    patch = np.unique(seen.patch[kept], return_inverse=True)[1]
-    log_range = light.log_range(seen.range_m[kept])
-    terms = pattern_terms(seen.pixel[kept], log_range, size).astype(np.float32)
+    seen = seen.part(kept)
+    patch = np.unique(seen.patch, return_inverse=True)[1]
+    log_range = light.log_range(seen.range_m)
+    terms = pattern_terms(seen.pixel, log_range, size).astype(np.float32)
     trend = log_range[:, None].astype(np.float32)
     held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
-    return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
+    return Window(patch, frames[seen.frame], terms, trend, np.log(seen.light), held)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any
 
 import cv2
 import numpy as np
@@ -65,6 +66,18 @@ class Observations:
     range_m: Vector
     light: Vector
     pixel: Vector
+
+    def part(self, chosen: NDArray[Any]) -> "Observations":
+        """Some observations, by number or mask; patches keep their numbers."""
+        return Observations(*(values[chosen] for values in vars(self).values()))
+
+    def of_both(self, one: int, other: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers of the observations of the patches that two frames show, in each of them."""
+        first, there = (np.flatnonzero(self.frame == number) for number in (one, other))
+        _, a, b = np.intersect1d(
+            self.patch[first], self.patch[there], assume_unique=True, return_indices=True
+        )
+        return first[a], there[b]
 
 
 @dataclass(frozen=True, eq=False)
