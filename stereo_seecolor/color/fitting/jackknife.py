@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.resampling import jackknife
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust import COLOR_AXES, NAMES
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -86,5 +87,4 @@ def _errors(
     values = np.array([[getattr(one, name) for name in NAMES] for one in waters])
     white = np.log(values[:, 4])
     values[:, 4] = (white - white.mean(axis=1, keepdims=True)) * water.white
-    errors = np.sqrt((len(rest) - 1) * values.var(axis=0))
-    return dict(zip(NAMES, errors, strict=True))
+    return dict(zip(NAMES, jackknife(values), strict=True))
