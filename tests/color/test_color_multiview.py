@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.observations import KeyFrame, Observations, find_observations
+from stereo_seecolor.color.photometry.observations import KeyFrame, Observations
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.extras.evaluation.multiview import fit_observations
+from stereo_seecolor.extras.evaluation.multiview import find_observations, fit_observations
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory

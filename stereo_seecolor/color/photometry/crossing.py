@@ -40,12 +40,7 @@ def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> fl
 
 
 def alike(crossed: float, windows: int) -> Alike:
-    """Return the number of observations that count as one.
-
-    Args:
-        crossed: Result of ``pictures_crossed``.
-        windows: Their number.
-    """
+    """The numbers that count as one. crossed: of ``pictures_crossed``. windows: their number."""
     views = CROSSING_SETTINGS.correlated * max(
         1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
     )

@@ -24,7 +24,7 @@ class Brightness:
 
     @classmethod
     def of(cls, table: MomentTable, encoding: InputEncoding) -> "Brightness":
-        """Compute the brightness of a table."""
+        """The brightness of a table."""
         return cls(table.counts.sum(axis=0) @ decoded_bins(table.bit_depth, encoding), table.pixels)
 
     def packed(self) -> bytes:
@@ -46,12 +46,12 @@ class Brightness:
 
     @property
     def stops(self) -> float:
-        """Return log2 of the mean light; -inf without light."""
+        """Log2 of the mean light; -inf without light."""
         mean = self.light.sum() / max(int(self.pixels.sum()), 1)
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """Return the ratio of brightness to the reference, mean over common range bins; 1 without
+        """The ratio of brightness to the reference, mean over common range bins; 1 without
         any.
         """
         both = (self.light > 0) & (reference.light > 0)

@@ -67,7 +67,7 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Compute mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
+    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
     and day.
 
     Args:

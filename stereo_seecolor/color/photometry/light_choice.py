@@ -81,7 +81,7 @@ class Choice:
         return self.judging >= SETTINGS.least_patches
 
     def without_pattern(self, windows: Sequence[Window]) -> "Choice":
-        """Return the choice that corrects no pattern, with the gains that were solved beside it.
+        """The choice that corrects no pattern, with the gains that were solved beside it.
 
         windows: as given to ``choose``.
         """

@@ -139,7 +139,7 @@ class Light:
         return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size), shading)
 
     def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
-        """Compute (N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,)
+        """(N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,)
         ranges.
         """
         terms = pattern_terms(pixel, self.log_range(range_m), size)
@@ -175,7 +175,7 @@ class Light:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Return a hash of the whole light."""
+        """A hash of the whole light."""
         gains, shading = (
             content_key_of(one for pair in of.items() for one in pair)
             for of in (self.gains, self.shading)
@@ -306,7 +306,7 @@ light: 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
 
 
 def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
-    """Return the settings for the fit of the water: light of lamps has not traveled through water
+    """The settings for the fit of the water: light of lamps has not traveled through water
     above the reef, so its white point is that of lamps, not of daylight at a depth.
     """
     if light is None or light.fade < LAMPS_FADE:

@@ -72,7 +72,7 @@ class Gaussian:
     precision: Array
 
     def misfit(self, unknowns: Array, squares: float, matrix: Array) -> float:
-        """Compute twice the negative log evidence for this prior, up to a constant (MacKay 1992).
+        """Twice the negative log evidence for this prior, up to a constant (MacKay 1992).
 
         unknowns: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
         equations.
@@ -137,7 +137,7 @@ class LightPrior:
         return cls(np.zeros(TERMS + 1), covariance, LENS, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
-        """Return the prior of the terms in use (``columns``), and of gain and shading of frames.
+        """The prior of the terms in use (``columns``), and of gain and shading of frames.
 
         of_frame: number of unknowns of a frame: none, gain, or gain and shading.
         """

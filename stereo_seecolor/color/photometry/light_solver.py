@@ -201,19 +201,17 @@ def solve(equations: Equations, use: LightTerms, prior: LightPrior) -> Solution:
     reef = MeanReef.of(equations, chosen, prior)
     products = equations.products[np.ix_(chosen, chosen)]
     found, matrix, squares, variance = _robust_fit(parts, products, known, reef, prior)
-    number = int(columns.sum())
-    coefficients = np.zeros((COLUMNS, outputs))
-    coefficients[columns] = found[:number]
-    own = np.zeros((frames, OWN, outputs))
-    own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
+    number, unknowns = int(columns.sum()), np.zeros((COLUMNS + frames * OWN, outputs))
+    unknowns[chosen[outputs:] - outputs] = found
+    own = unknowns[COLUMNS:].reshape(frames, OWN, outputs)
     independent = sum(part.seen.sum() - part.seen.shape[1] for part in parts) / prior.alike.views
     squares = outputs * (squares / variance + independent * np.log(variance))
     squares += reef.squares_left(found)
     evidence = matrix / variance + reef.precision
     covariance = np.linalg.inv(evidence + known.precision)
     return Solution(
-        coefficients=coefficients[:TERMS],
-        trend=coefficients[TERMS:],
+        coefficients=unknowns[:TERMS],
+        trend=unknowns[TERMS:COLUMNS],
         gains=own[:, 0] - own[:, 0].mean(axis=0),
         shading=own[:, 1:],
         trend_error=float(np.sqrt(covariance[number - 1, number - 1])),

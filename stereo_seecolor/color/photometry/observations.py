@@ -1,6 +1,6 @@
 """The same patches of the reef in several frames, from ranges and poses."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
@@ -19,14 +19,10 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """Size and number of patches, and conditions for an observation; tested on the sample dive."""
+    """Size of patches, and conditions for an observation; tested on the sample dive."""
 
     patch_m: float = 0.05
     """Width of a patch on the reef, the same at any range."""
-    most_patches: int = 20_000
-    """Largest number of patches of all frames together, which limits memory and time."""
-    most_patches_a_frame: int = 1600
-    """Largest number of patches of a frame: a grid of about 40 by 40."""
     same_range: float = 0.02
     """Ranges of the same patch agree to this fraction, which is more than the error of a range."""
     most_relief: float = 0.06
@@ -86,21 +82,6 @@ class SeenWindow:
 
     frames: NDArray[np.int64]
     seen: Observations
-
-
-def find_observations(
-    frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
-) -> Observations:
-    """Find observations of patches that several frames show; frames are read twice, one at a
-    time.
-    """
-    number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
-    points_m = np.concatenate(
-        [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]
-    )
-    return observations_of(
-        points_m, (PhotometricView.of(frame, geometry, encoding) for frame in frames)
-    )
 
 
 def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Observations:

@@ -125,7 +125,7 @@ class AutoFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of the segment of each frame; a frame without ranges gets that of the
+        """The water of the segment of each frame; a frame without ranges gets that of the
         frame before.
         """
         chunks = [*self._chunks]
@@ -149,11 +149,11 @@ class AutoFitter(Fitter):
 
     @property
     def segments(self) -> list[list[str]]:
-        """Return the names of the frames of each segment, after ``waters``."""
+        """The names of the frames of each segment, after ``waters``."""
         return [self._frames.names[frames.start : frames.stop] for frames in self._segments]
 
     def notes(self) -> tuple[str, ...]:
-        """Return where the dive was cut into segments; empty if all frames share one water."""
+        """Where the dive was cut into segments; empty if all frames share one water."""
         if len(self._segments) < 2:
             return ()
         ends = [(names[0], names[-1]) for names in self.segments]

@@ -44,10 +44,10 @@ class Fitter(Protocol):
         raise TypeError("the frames of this fit are added one by one")
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of each frame, by name. Raises ColorError if no range is known."""
+        """The water of each frame, by name. Raises ColorError if no range is known."""
 
     def notes(self) -> tuple[str, ...]:
-        """Return warnings and notes about the whole dive, after ``waters``."""
+        """Warnings and notes about the whole dive, after ``waters``."""
         return ()
 
 
@@ -59,7 +59,7 @@ class _FittedWhenAdded(Fitter):
         self._last: Water | None = None
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of each frame; one without ranges gets that of the frame before it."""
+        """The water of each frame; one without ranges gets that of the frame before it."""
         return fill_missing_waters(self._waters.items())
 
 
@@ -150,7 +150,7 @@ class FrameBrightness:
             self._packed.append(packed)
 
     def brightness(self, number: int) -> Brightness:
-        """Return the brightness of frame ``number``."""
+        """The brightness of frame ``number``."""
         return Brightness.unpacked(self._packed[number])
 
 
@@ -185,7 +185,7 @@ class SurveyFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of the survey, scaled to the camera exposure of each frame."""
+        """The water of the survey, scaled to the camera exposure of each frame."""
         numbers = range(len(self._frames))
         return fill_missing_waters(
             survey_waters(self._frames, numbers, self._classes, self._config, self._fit)
@@ -199,7 +199,7 @@ def survey_waters(
     config: ColorConfig,
     fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
-    """Return name and water of each of these frames: one water, scaled to the exposure of each
+    """Name and water of each of these frames: one water, scaled to the exposure of each
     frame.
 
     classes: sums of their tables; if empty, the waters are None.
@@ -222,14 +222,14 @@ def survey_waters(
 
 
 def usual_exposure(classes: Mapping[int, MomentTable]) -> tuple[int, MomentTable]:
-    """Return the class with most pixels, and the sum of its table and those next to it."""
+    """The class with most pixels, and the sum of its table and those next to it."""
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
     most = max(lit, key=lambda kind: int(classes[kind].pixels.sum()))
     return most, reduce(add, (table for kind, table in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
-    """Return the class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
+    """The class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
     if not np.isfinite(brightness.stops):
         return BLACK
     held = config.camera_exposure != "brightness"

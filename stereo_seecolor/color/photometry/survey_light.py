@@ -67,13 +67,13 @@ class SurveyLight:
 
     @property
     def light(self) -> Light | None:
-        """Return the light; None if no term helps."""
+        """The light; None if no term helps."""
         used = (*self.luminance.use, *self.color.use, self.solved.gains, self.solved.shading)
         return self.solved if any(used) else None
 
     @property
     def note(self) -> str:
-        """Return a line on the terms in use and their effect; "" for none."""
+        """A line on the terms in use and their effect; "" for none."""
         parts = "; ".join(self._used())
         used = f"light: {parts}; more in water.json" if self.light else self._why_not()
         if self.refused is None:
@@ -135,7 +135,7 @@ class SurveyLight:
         slopes: NDArray[np.float64],
         offsets: tuple[float, float],
     ) -> "SurveyLight":
-        """Return the light with these gains and shading, and (2, 3) slopes added to the pattern."""
+        """The light with these gains and shading, and (2, 3) slopes added to the pattern."""
         coefficients = self.solved.coefficients + np.pad(slopes, ((0, TERMS - 2), (0, 0)))
         solved = replace(self.solved, coefficients=coefficients, gains=gains, shading=shading)
         return replace(self, solved=solved, offsets=offsets)
