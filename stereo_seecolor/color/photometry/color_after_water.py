@@ -24,7 +24,7 @@ from stereo_seecolor.color.photometry.light_solver import (
     solve,
     window_of,
 )
-from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig
@@ -50,7 +50,7 @@ FULL = 65535
 
 def refit_color_after_water(
     survey_light: SurveyLight,
-    windows: Sequence[SeenWindow],
+    windows: Sequence[Observations],
     names: Sequence[str],
     size: tuple[int, int],
 ) -> SurveyLight:
@@ -70,12 +70,12 @@ def refit_color_after_water(
     even = [_even(window, light, gains[:, 0], shading, size) for window in windows]
     water = with_color_trend(_water(even), light.color_trend)
 
-    def left(window: SeenWindow, seen: Observations) -> Window:
+    def left(window: Observations, seen: Observations) -> Window:
         """The window with the water removed, without observations to which it leaves no light."""
         direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
-        kept = usable(window.seen) & (direct > LIMITS.light[0]).all(axis=1)
+        kept = usable(window) & (direct > LIMITS.light[0]).all(axis=1)
         lit = replace(seen, light=np.maximum(direct, LIMITS.light[0]))
-        return window_of(lit, window.frames, kept, light, size)
+        return window_of(lit, kept, light, size)
 
     made = [left(*both) for both in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
@@ -90,14 +90,12 @@ def refit_color_after_water(
 
 
 def _even(
-    window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]
+    seen: Observations, light: Light, gains: Array, shading: Array, size: tuple[int, int]
 ) -> Observations:
-    """The observations of a window with the light divided out."""
-    seen = window.seen
-    log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
-    own = np.einsum(
-        "ns,nsc->nc", shading_terms(places(seen.pixel, size)), shading[window.frames][seen.frame]
-    )
+    """The observations with the light divided out."""
+    frame, terms = seen.frames[seen.frame], shading_terms(places(seen.pixel, size))
+    log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[frame]
+    own = np.einsum("ns,nsc->nc", terms, shading[frame])
     return replace(seen, light=seen.light * np.exp(-log_light - own))
 
 

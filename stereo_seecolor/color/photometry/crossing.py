@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereo_seecolor.color.photometry.light_prior import Alike
-from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class CrossingSettings:
 CROSSING_SETTINGS = CrossingSettings()
 
 
-def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> float:
+def pictures_crossed(windows: Sequence[Observations], size: tuple[int, int]) -> float:
     """Sum the motion of the reef from the first frame of each window to the nearest other one, in
     image sizes.
 
@@ -47,9 +47,9 @@ def alike(crossed: float, windows: int) -> Alike:
     return Alike(views, max(windows / (1.0 + crossed), 1.0))
 
 
-def _shift(window: SeenWindow, size: tuple[int, int]) -> float:
+def _shift(seen: Observations, size: tuple[int, int]) -> float:
     """Median motion of a window's patches, in image sizes."""
-    nearest, seen = 1 + int(np.argmin(np.abs(window.frames[1:] - window.frames[0]))), window.seen
+    nearest = 1 + int(np.argmin(np.abs(seen.frames[1:] - seen.frames[0])))
     a, b = seen.of_both(0, nearest)
     if not a.size:
         return 0.0

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, shading_deviations
-from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
 
 Array = NDArray[np.float64]
@@ -134,13 +134,13 @@ class _Solution(NamedTuple):
     slopes: Array
 
 
-def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Differences:
+def differences(window: Observations, light: SurveyLight, size: tuple[int, int]) -> Differences:
     """Compute differences of the first frame of a window to each other one, and its mean, with
     pattern and trend removed.
 
     size: (width, height) of the images of the observations.
     """
-    seen = window.seen.part(usable(window.seen))
+    seen = window.part(usable(window))
     left = np.log(seen.light) - light.at(seen.pixel, seen.range_m, size)
     luminance = left.mean(axis=1, keepdims=True)
     values, at = np.concatenate([luminance, left - luminance], axis=1), places(seen.pixel, size)

@@ -124,7 +124,6 @@ class Solution:
 
 def window_of(
     seen: Observations,
-    frames: NDArray[np.int64],
     usable: NDArray[np.bool_],
     light: Light,
     size: tuple[int, int],
@@ -132,8 +131,7 @@ def window_of(
     """Make the window of the logarithms of the usable (N,) observations of patches that two frames
     or more show.
 
-    frames: number in the dive of each frame of the observations. light: defines the ranges of the
-    polynomial. size: (width, height) of the image.
+    light: defines the ranges of the polynomial. size: (width, height) of the image.
     """
     patch = seen.patch[usable]
     kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1]
@@ -143,7 +141,7 @@ def window_of(
     terms = pattern_terms(seen.pixel, log_range, size).astype(np.float32)
     trend = log_range[:, None].astype(np.float32)
     held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
-    return Window(patch, frames[seen.frame], terms, trend, np.log(seen.light), held)
+    return Window(patch, seen.frames[seen.frame], terms, trend, np.log(seen.light), held)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The same patches of the reef in several frames, from ranges and poses."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -53,8 +53,9 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """patch: (N,) int64, 0..P-1, ascending, each at least twice. frame: (N,) int64. range_m: (N,)
-    m. light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its center.
+    """patch: (N,) int64, 0..P-1, ascending, each at least twice. frame: (N,) int64, 0..F-1.
+    range_m: (N,) m. light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its center.
+    frames: (F,) number in the dive of each frame.
     """
 
     patch: NDArray[np.int64]
@@ -62,10 +63,12 @@ class Observations:
     range_m: Vector
     light: Vector
     pixel: Vector
+    frames: NDArray[np.int64]
 
     def part(self, chosen: NDArray[Any]) -> "Observations":
         """Some observations, by number or mask; patches keep their numbers."""
-        return Observations(*(values[chosen] for values in vars(self).values()))
+        parts = {name: part[chosen] for name, part in vars(self).items() if name != "frames"}
+        return replace(self, **parts)
 
     def of_both(self, one: int, other: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Numbers of the observations of the patches that two frames show, in each of them."""
@@ -76,17 +79,11 @@ class Observations:
         return first[a], there[b]
 
 
-@dataclass(frozen=True, eq=False)
-class SeenWindow:
-    """frames: number in the dive of each frame of the observations. seen: the observations."""
-
-    frames: NDArray[np.int64]
-    seen: Observations
-
-
-def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Observations:
-    """Find observations of (P, 3) patches in these views, numbered in order; each patch has at
-    least two.
+def observations_of(
+    points_m: Vector, views: "Iterable[PhotometricView]", frames: Sequence[int]
+) -> Observations:
+    """Find observations of (P, 3) patches in the views of these frames; each patch has at least
+    two.
     """
     seen = [view.look_at(points_m) for view in views]
     patch, range_m, light, pixel = map(np.concatenate, zip(*seen, strict=True))
@@ -94,7 +91,8 @@ def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Obs
     several = np.bincount(patch, minlength=len(points_m))[patch] > 1
     order = np.flatnonzero(several)[np.argsort(patch[several], kind="stable")]
     compact = np.unique(patch[order], return_inverse=True)[1]
-    return Observations(compact, seen_by[order], range_m[order], light[order], pixel[order])
+    every = Observations(patch, seen_by, range_m, light, pixel, np.array(frames))
+    return replace(every.part(order), patch=compact)
 
 
 @dataclass(frozen=True, eq=False)

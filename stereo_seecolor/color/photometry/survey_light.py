@@ -13,7 +13,7 @@ from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, cho
 from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, ByFrame, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Alike, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
-from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.single_illumination import is_single_illumination
 from stereo_seecolor.compute.names import Names
 
@@ -155,7 +155,7 @@ class SurveyLight:
 
 
 def solve_light(
-    windows: Sequence[SeenWindow],
+    windows: Sequence[Observations],
     names: Sequence[str],
     size: tuple[int, int],
     allowed: LightTerms,
@@ -176,13 +176,13 @@ def solve_light(
     Returns:
         The light; None if no two frames show the same spot.
     """
-    ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
+    ranges = np.concatenate([window.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
         return None
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     even = Light(np.zeros((TERMS, 3)), float(np.median(ranges)), (near_m, far_m))
     exposures = np.zeros(len(names)) if recorded is None else recorded
-    made = [window_of(one.seen, one.frames, usable(one.seen), even, size) for one in windows]
+    made = [window_of(one, usable(one), even, size) for one in windows]
     made = [
         replace(window, values=window.values - exposures[window.frame][:, None])
         for window in made

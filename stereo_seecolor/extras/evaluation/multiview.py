@@ -105,9 +105,8 @@ def find_observations(
     points_m = np.concatenate(
         [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]
     )
-    return observations_of(
-        points_m, (PhotometricView.of(frame, geometry, encoding) for frame in frames)
-    )
+    views = (PhotometricView.of(frame, geometry, encoding) for frame in frames)
+    return observations_of(points_m, views, range(len(frames)))
 
 
 def fit_observations(observations: Observations, encoding: InputEncoding) -> Water:
