@@ -52,9 +52,9 @@ SETTINGS = ChoiceSettings()
 class ViewDifferences:
     """Differences between views of patches left out of the fit, natural logarithm.
 
-    between_views: robust standard deviation of the difference of two views.
-    between_frames: rms of the medians of pairs of frames, weighted by their observations.
-    by_chance: standard error of such a median, if all differences were independent.
+    between_views: robust standard deviation. between_frames: rms of the medians of pairs of frames,
+    weighted by their observations. by_chance: standard error of such a median, if all differences
+    were independent.
     """
 
     between_views: float
@@ -81,10 +81,7 @@ class Choice:
         return self.judging >= SETTINGS.least_patches
 
     def without_pattern(self, windows: Sequence[Window]) -> "Choice":
-        """The choice that corrects no pattern, with the gains that were solved beside it.
-
-        windows: as given to ``choose``.
-        """
+        """The choice without its pattern, with the gains that were solved beside it."""
         solution = replace(self.solution, coefficients=np.zeros_like(self.solution.coefficients))
         use = self.use._replace(pattern=False, ranged=False)
         after = spread_left([window.part(held=True) for window in windows], solution)

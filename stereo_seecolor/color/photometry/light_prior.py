@@ -19,26 +19,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Deviations:
-    """Prior standard deviations of logarithms with mean 0. That of gains is narrow, so that the
-    pattern explains a slope along the track, which looks like a drift of gains.
+    """Prior standard deviations of logarithms with mean 0.
+
+    coefficient: of the pattern, of degree 1. ranged: of its change over a fifth of the range.
+    trend: with range, for one a fifth longer. gain: of a frame; narrow, so that the pattern
+    explains a slope along the track, which looks like a drift of gains. shading: its change from
+    the middle of the image to the edge. systematic: of the model itself (lamps are not a
+    polynomial): the least error of observations. mean_reef: factor on the standard error of the
+    mean of the reef, whose brightness varies more than parts of the image show: with 1, 3.0 % of
+    the pattern of nine synthetic dives remain, with 2 2.1 %.
     """
 
     coefficient: float
-    """Standard deviation of a coefficient of the pattern of degree 1."""
     ranged: float
-    """Standard deviation of the change of such a coefficient over a fifth of the range."""
     trend: float
-    """Standard deviation of the trend with range, for a range that is a fifth longer."""
     gain: float
-    """Standard deviation of a frame's gain."""
     shading: float
-    """Standard deviation of the change of shading from the middle of the image to its edge."""
     systematic: float
-    """Error of the model itself (lamps are not a polynomial): the least error of observations."""
     mean_reef: float
-    """Factor on the standard error of the mean of the reef, whose brightness varies more than parts
-    of the image show: with 1, 3.0 % of the pattern of nine synthetic dives remain, with 2 2.1 %.
-    """
 
 
 LUMINANCE = Deviations(

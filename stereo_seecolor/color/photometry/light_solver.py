@@ -84,7 +84,7 @@ class Window:
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
-        """Return only the observations that are left out of the fit, or only the others."""
+        """The observations that are left out of the fit, or the others."""
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
         parts = (self.frame, self.terms, self.trend, self.values, self.held)
@@ -146,12 +146,12 @@ def window_of(
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of windows with all terms: each set of terms uses some of their columns.
+    """The equations of windows with all terms, of which a fit uses some columns.
 
-    parts: of each window. frames: number of frames in all. products: of values and columns, with
-    equal weights: Q outputs, COLUMNS that all frames share, OWN of each frame. means: the same of
-    the means of patches, with powers of their range first. variance: of the mean light of a patch,
-    times the number of patches that count as one.
+    parts: of each window. frames: their number. products: of values and columns, equally weighted:
+    Q outputs, COLUMNS that all frames share, OWN of each frame. means: the same of the means of
+    patches, with powers of their range first. variance: of the mean light of a patch, times the
+    number of patches that count as one.
     """
 
     parts: "Sequence[_WindowSums]"
@@ -227,11 +227,11 @@ def _robust_fit(
     reef: "MeanReef",
     prior: LightPrior,
 ) -> tuple[Array, Array, float, float]:
-    """Solve in rounds, each with Cauchy weights from the residuals of the one before.
+    """Solve in rounds, each with Cauchy weights from the residuals of the one before. products: of
+    the first round, equally weighted.
 
-    products: with the equal weights of the first round.
-    Returns the unknowns (n, Q), their normal equations (n, n) without the prior, the weighted sum
-    of squares, and the variance of an observation times the number that count as one.
+    Returns unknowns (n, Q), normal equations (n, n) without the prior, weighted sum of squares, and
+    the variance of an observation times the number that count as one.
     """
     weights = [part.seen for part in parts]
     variance, outputs = SETTINGS.first_prior, len(products) - len(known.mean)
@@ -352,7 +352,7 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _WindowSums:
-    """The equations of a window of F frames, each of which sees most of the P patches.
+    """The equations of a window of F frames and P patches.
 
     seen (F, P): 1 where a frame sees a patch, else 0, as everything else is there. both
     (F, P, Q + C): the values, and the columns of unknowns that all frames share. own (F, P, K): the

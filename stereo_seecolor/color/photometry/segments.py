@@ -87,8 +87,8 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Assigns each frame the water of its segment. linked: names of frames that show the same spots
-    as the frame before them; the dive is not cut between these.
+    """Assigns each frame the water of its segment. linked: names of frames that show spots of the
+    frame before; the dive is not cut between these.
     """
 
     joins = True
@@ -125,9 +125,7 @@ class AutoFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """The water of the segment of each frame; a frame without ranges gets that of the
-        frame before.
-        """
+        """The water of the segment of each frame; without ranges, of the frame before."""
         chunks = [*self._chunks]
         if self._open:
             chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))

@@ -44,15 +44,13 @@ PARTS_DIFFER = (
 class SurveyLight:
     """The solved light of a survey.
 
-    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each,
-    and their effect.
+    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each.
     crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance
-    between neighbors, without and with the gains of all frames; None = not solved.
-    recorded: True if the gains have recorded exposures as their prior.
-    refused: like offsets, without and with recorded exposures, if these do not explain differences
-    between frames and are not used; else None. reading: how these would explain them, if read
-    otherwise. parts_differ: True if lines that share no spot have
-    different light, so that only the lens is corrected.
+    between neighbors, without and with the gains of all frames; None = not solved. recorded: the
+    gains have recorded exposures as their prior. refused: like offsets, of recorded exposures that
+    do not explain differences between frames; else None. reading: how these would explain them, if
+    read otherwise. parts_differ: lines that share no spot have different light, so that only the
+    lens is corrected.
     """
 
     solved: Light
@@ -227,10 +225,8 @@ def solve_light(
 def _choose_color(
     windows: Sequence[Window], allowed: LightTerms, same: Alike, frames: int, crossed: float
 ) -> Choice:
-    """Choose the terms of color, the logarithms of R, G, B less their mean.
-
-    A dive that is too short to correct a pattern still compares it with gains: along a track, the
-    slope of a pattern looks like a drift of gains.
+    """Choose the terms of color. A dive that is too short to correct a pattern still compares it
+    with gains: along a track, the slope of a pattern looks like a drift of gains.
     """
     unknown = LightPrior.unknown(COLOR, same)
     patterns = [(LightTerms(pattern=True, ranged=ranged), unknown) for ranged in (False, True)]
@@ -262,9 +258,7 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
 def _candidates(
     allowed: LightTerms, unknown: LightPrior, patterns: Sequence[tuple[LightTerms, LightPrior]]
 ) -> list[Candidate]:
-    """No correction, gains alone, and each pattern, as far as allowed. unknown: prior without a
-    pattern.
-    """
+    """No correction, gains alone, each pattern, as allowed. unknown: prior without a pattern."""
     every = [
         Candidate(use._replace(gains=gains, shading=shading), prior)
         for use, prior in [(LightTerms(), unknown), *patterns]
@@ -278,9 +272,7 @@ def _candidates(
 
 
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
-    """Number the frames of the windows from 0; return the windows, and the numbers of these frames
-    in the dive.
-    """
+    """The windows with frames numbered from 0, and the numbers of these frames in the dive."""
     measured = np.unique(np.concatenate([window.frame for window in windows]))
     return [
         replace(window, frame=np.searchsorted(measured, window.frame)) for window in windows
