@@ -8,12 +8,11 @@ from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.image_headers import (
-    JPEG_SIGNATURE,
     PNG_SIGNATURE,
     TIFF_SIGNATURES,
     first_chunk,
     image_size,
-    jpeg_segments,
+    jpeg_quantization,
     tiff_pages,
 )
 from stereo_seecolor.inputs.capture import framing
@@ -52,10 +51,6 @@ def _has_palette_of_colors(content: bytes) -> bool:
     return content[25] == PALETTE and palette[::3] != palette[1::3]
 
 
-QUANTIZATION = 0xFFDB
-"""Marker of the tables: of each, its precision and number, both 0 of that of luminance in 8 bits,
-and 64 steps.
-"""
 STANDARD_SUM = 3688
 """Of the 64 steps of quantization of luminance that quality 50 has: ITU T.81, table K.1."""
 LEAST_QUALITY = 80
@@ -66,14 +61,10 @@ def jpeg_quality(content: bytes) -> int | None:
     """1 to 100, as the Independent JPEG Group counts it, of a JPEG's quantization of luminance;
     None of what is not a JPEG.
     """
-    if not content.startswith(JPEG_SIGNATURE):
+    steps = jpeg_quantization(content)
+    if not steps:
         return None
-    tables = b"".join(
-        segment for marker, segment in jpeg_segments(content) if marker == QUANTIZATION
-    )
-    if len(tables) < 65 or tables[0] != 0:
-        return None
-    percent = 100 * sum(tables[1:65]) / STANDARD_SUM
+    percent = 100 * sum(steps) / STANDARD_SUM
     return round(100 - percent / 2 if percent <= 100 else 5000 / percent)
 
 

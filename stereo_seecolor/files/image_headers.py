@@ -131,6 +131,24 @@ def jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
         position += 2 + length
 
 
+JPEG_QUANTIZATION = 0xFFDB
+"""Marker of the tables: of each, its precision and number, both 0 of that of luminance in 8 bits,
+and 64 steps.
+"""
+
+
+def jpeg_quantization(content: bytes) -> bytes:
+    """The 64 steps by which a JPEG's luminance is quantized, the first that of a block's mean times
+    8; empty for what is not a JPEG of 8 bits.
+    """
+    if not content.startswith(JPEG_SIGNATURE):
+        return b""
+    tables = b"".join(
+        segment for marker, segment in jpeg_segments(content) if marker == JPEG_QUANTIZATION
+    )
+    return tables[1:65] if len(tables) >= 65 and tables[0] == 0 else b""
+
+
 def _png_size(content: bytes) -> tuple[int, int]:
     size = None
     with suppress(struct.error):

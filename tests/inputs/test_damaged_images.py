@@ -52,6 +52,14 @@ def test_whole_images_have_no_seam(kind: str) -> None:
         assert seam(KINDS[kind](read_pixels(path))) is None
 
 
+@pytest.mark.parametrize("quality", [10, 20, 35, 50])
+def test_blocks_of_strong_compression_are_no_seams(quality: int) -> None:
+    for path in (*LEFTS[::4], *RIGHTS[::4]):
+        for light in (1, 0.3):
+            pixels = (read_pixels(path) * light).astype(np.uint8)
+            assert seam(pillow("JPEG", quality=quality)(pixels)) is None
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("stripe", ["another picture", "zeros", "noise"])
 def test_a_stripe_in_the_middle_is_a_seam(kind: str, stripe: str) -> None:
