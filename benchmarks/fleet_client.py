@@ -25,7 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 from stereo_seecolor.color.photometry.light_of_frames import MEAN, PART, Differences
-from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.commands import run as commands
@@ -89,7 +89,7 @@ class Sampled:
     """What the sample dive's workers sent: a frame's record, tables, and how frames differ."""
 
     def __init__(self, out: Path) -> None:
-        self.windows: list[SeenWindow] = []
+        self.windows: list[Observations] = []
         looked = light_search.LightSearch._examined
 
         def kept(search: Any, numbers: Any, look: Any, parts: int = 1) -> Iterator[Any]:

@@ -34,7 +34,6 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.geometry import rigid_alignment
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.mapping.raster.height_model import Terrain
 from stereo_seecolor.mapping.raster.structure import (
     Numbers,
     StructureAtScale,
@@ -43,6 +42,7 @@ from stereo_seecolor.mapping.raster.structure import (
     squares_of,
     structure,
 )
+from stereo_seecolor.mapping.raster.terrain import Terrain
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame
 

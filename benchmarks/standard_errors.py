@@ -50,7 +50,6 @@ from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.free_places import new_folder
 from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.height_errors import height_stds
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.structure import (
     EDGES_M,
     Numbers,
@@ -60,6 +59,7 @@ from stereo_seecolor.mapping.raster.structure import (
     squares_of,
     structure,
 )
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.report.height_code import height_std_m as typical_std_m
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run

@@ -11,11 +11,12 @@ from calibration.errors import CalibrationError, counted
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification, plan_rectification, raw_points
 from calibration.rig import StereoRig
+from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.causes import find_causes
 from calibration.verification.explanations import NOT_TESTED
 from calibration.verification.matches import Matches, find_matches
 from calibration.verification.rigid_motion import SeenTwice
-from calibration.verification.row_fits import explain, robust_std, row_inliers
+from calibration.verification.row_fits import explain, row_inliers
 from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 
 Array = NDArray[np.float64]
@@ -104,4 +105,4 @@ def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:
     pair.
     """
     medians = [np.median(rest[numbers == number]) for number in np.unique(numbers)]
-    return robust_std(medians - np.median(medians)) if len(medians) > 2 else 0.0
+    return deviation_about_zero(medians - np.median(medians)) if len(medians) > 2 else 0.0

@@ -10,8 +10,8 @@ TINY = 1e-12  # px^2: data without noise have no error to compare
 
 
 def jackknife(estimates: Array) -> Array:
-    """Compute standard errors (k,) from (groups, k) estimates without one group each (Efron 1982,
-    The Jackknife, ch. 3).
+    """Compute standard errors (...) from estimates (groups, ...) without one group each (Efron
+    1982, The Jackknife, ch. 3).
 
     Unlike those of least squares they hold where the errors of a group are alike: a target bent, a
     shutter late.

@@ -15,6 +15,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.rig import StereoRig
+from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.dive_points import Array, DivePoints, Reading, reading_of, seen_twice
 from calibration.verification.evidence import RigEvidence, most_of, slopes_of
 from calibration.verification.explanations import (
@@ -30,7 +31,6 @@ from calibration.verification.motion import motion_of, range_error
 from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.motion_result import NO_MOTION, Motion
 from calibration.verification.rigid_motion import SeenTwice
-from calibration.verification.row_fits import robust_std
 from calibration.verification.table import CAUSES
 
 PENALTY = 9.0
@@ -185,7 +185,9 @@ def _explanation(fit: RigEvidence, points: DivePoints, least: RigEvidence) -> Ex
         offset_px, log_focal = fit.values[-4:-2]
         parts.append(float(range_error(offset_px, log_focal, disparity_px)))
     error = float(np.median(off))
-    std = float(np.linalg.norm([*parts, 1.25 * robust_std(off - error) / np.sqrt(len(off))]))
+    std = float(
+        np.linalg.norm([*parts, 1.25 * deviation_about_zero(off - error) / np.sqrt(len(off))])
+    )
     uneven = most_of(np.abs(off - error))
     uneven_std = most_of(np.sqrt(((beside @ cov) * beside).sum(axis=1)))
     return Explanation(

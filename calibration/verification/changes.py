@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.matches import Matches
 from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
-from calibration.verification.row_fits import explain, robust_fit, robust_std, row_inliers
+from calibration.verification.row_fits import explain, robust_fit, row_inliers
 
 Array = NDArray[np.float64]
 Kind = Literal["", "odd", "step", "drift", "each"]
@@ -90,7 +91,7 @@ def pair_rows(matches: Matches, pair: RectifiedPair) -> PairRows | None:
     design = np.column_stack([np.ones(len(left)), left]) / to_px
     return PairRows(
         np.array([offset, roll, scale]) * to_px,
-        robust_std(rest) * float(np.sqrt(np.trace(np.linalg.pinv(design.T @ design)))),
+        deviation_about_zero(rest) * float(np.sqrt(np.trace(np.linalg.pinv(design.T @ design)))),
         1 + float(scale),
         float(np.median(np.abs(rest))),
         float(np.median(np.abs(between))),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from calibration.resampling import jackknife
+from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.dive_points import (
     LEAST_POINTS,
     Array,
@@ -23,7 +24,7 @@ from calibration.verification.dive_points import (
 from calibration.verification.motion import fit_clear, range_error
 from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
-from calibration.verification.row_fits import robust_fit, robust_std
+from calibration.verification.row_fits import robust_fit
 from calibration.verification.table import CAUSES, MOVED
 
 ROWS_PX = 0.05
@@ -196,7 +197,9 @@ def _row_evidence(
     ]
     corner_px = MOTION_LIMITS.lens_rad * float(np.prod(pair.image_size)) / 4 / pair.focal_px
     lens_px = np.array([ROWS_PX] * 3 + [corner_px] * 3 + [ROWS_PX])
-    formal = np.asarray(robust_std(rest) ** 2 * np.linalg.inv(terms.T @ terms), np.float64)
+    formal = np.asarray(
+        deviation_about_zero(rest) ** 2 * np.linalg.inv(terms.T @ terms), np.float64
+    )
     between = jackknife(np.array(without)) if len(pairs) > 1 else np.zeros(len(values))
     return values, np.asarray(np.diag(between**2 + lens_px**2) + formal)
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -19,12 +20,7 @@ def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bo
     one = np.ones_like(x)
     terms = np.column_stack([one, x, y, x * y, y**2, x**2 * y, y**3, x * y * disparity])
     _, rest = robust_fit(terms, right[:, 1] - left[:, 1])
-    return np.abs(rest) < max(4 * robust_std(rest), 0.3)
-
-
-def robust_std(off: Array) -> float:
-    """The standard deviation of residuals, by their median size."""
-    return 1.4826 * float(np.median(np.abs(off)))
+    return np.abs(rest) < max(4 * deviation_about_zero(rest), 0.3)
 
 
 def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:

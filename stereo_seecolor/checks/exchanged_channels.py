@@ -7,7 +7,8 @@ The difference of the costs is the logarithm of the odds of the two orders.
 from collections.abc import Mapping
 from dataclasses import replace
 
-from stereo_seecolor.color.photometry.survey import ExposureClass, usual_exposure
+from stereo_seecolor.color.photometry.survey import usual_exposure
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 
 LEAST_EVIDENCE = 5.0
@@ -19,7 +20,7 @@ seven frames of FLSea and in a third of the scenes; others look like another wat
 
 
 def exchanged_channels_notes(
-    classes: Mapping[int, ExposureClass], config: ColorConfig
+    classes: Mapping[int, MomentTable], config: ColorConfig
 ) -> tuple[str, ...]:
     """Return a note where the colors of a dive fit known waters only with red and blue exchanged.
 
@@ -33,7 +34,7 @@ def exchanged_channels_notes(
     from stereo_seecolor.color.fitting.robust import fit_all
     from stereo_seecolor.color.table.range_quantiles import quantiles_by_range
 
-    table = usual_exposure(classes)[1].table
+    table = usual_exposure(classes)[1]
     given = quantiles_by_range(table, config.encoding)
     exchanged = replace(given, light=given.light[::-1].copy(), clipped=given.clipped[::-1].copy())
     # to the minimum: a fit of costs alone may end ten above it

@@ -7,15 +7,15 @@ from contextlib import suppress
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.image_marks import PNG_SIGNATURE
-from stereo_seecolor.inputs.capture import framing
-from stereo_seecolor.inputs.headers import (
+from stereo_seecolor.files.image_headers import (
+    PNG_SIGNATURE,
     TIFF_SIGNATURES,
+    first_chunk,
     image_size,
     jpeg_quantization,
-    png_chunk,
     tiff_pages,
 )
+from stereo_seecolor.inputs.capture import framing
 from stereo_seecolor.inputs.images import read_image_bytes
 
 PALETTE = 3
@@ -35,7 +35,7 @@ def form(images: DiveImages) -> DiveVerdict:
                 return DiveVerdict((note,))
             if content.startswith(PNG_SIGNATURE) and _has_palette_of_colors(content):
                 rounded = (
-                    f"has a palette of {len(png_chunk(content, b'PLTE')) // 3} colors, so its "
+                    f"has a palette of {len(first_chunk(content, b'PLTE')) // 3} colors, so its "
                     "colors were rounded"
                 )
                 note = (
@@ -47,7 +47,7 @@ def form(images: DiveImages) -> DiveVerdict:
 
 
 def _has_palette_of_colors(content: bytes) -> bool:
-    palette = png_chunk(content, b"PLTE")
+    palette = first_chunk(content, b"PLTE")
     return content[25] == PALETTE and palette[::3] != palette[1::3]
 
 

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration import Rectification
+from calibration.robust_statistics import ROBUST_DEVIATION
 from calibration.verification.changes import changes_of
 from stereo_seecolor.checks.change_texts import odd_line
 from stereo_seecolor.checks.changes import DiveChange, look_at_all
 from stereo_seecolor.checks.sample import consecutive_intervals, evenly_spaced
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 AROUND = 5
 """Pairs on either side with which a measured pair is compared."""

@@ -8,8 +8,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.files.exif_blocks import with_exif
-from stereo_seecolor.files.image_marks import EXIF_PREFIX
-from stereo_seecolor.inputs.headers import exif_block
+from stereo_seecolor.files.image_headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.finished_map import TrackPoint, open_map, track_points
 from stereo_seecolor.run_folder.folder import RunFolder

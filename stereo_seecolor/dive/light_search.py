@@ -15,7 +15,7 @@ from stereo_seecolor.color.photometry.color_after_water import refit_color_after
 from stereo_seecolor.color.photometry.light_model import ByFrame
 from stereo_seecolor.color.photometry.light_of_frames import Differences, differences, solve_frames
 from stereo_seecolor.color.photometry.light_solver import LightTerms
-from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.recorded_exposure import (
     explain,
     is_informative,
@@ -149,7 +149,7 @@ class LightSearch:
         return reduced(self.geometry).image_size
 
     def _pattern(
-        self, windows: Sequence[SeenWindow], names: Names, allowed: LightTerms, is_sampled: bool
+        self, windows: Sequence[Observations], names: Names, allowed: LightTerms, is_sampled: bool
     ) -> tuple[SurveyLight | None, Array]:
         """The light solved from ``windows``, and the (F,) recorded exposures (logarithms); zeros
         unless they explain differences of frames.
@@ -248,7 +248,7 @@ class _Segments(Lazy[Segment]):
         return Segment(len(before), tuple((number, self.frames[number][1]) for number in several))
 
 
-def windows_of(matcher: FrameMatcher, segment: Segment) -> list[SeenWindow]:
+def windows_of(matcher: FrameMatcher, segment: Segment) -> list[Observations]:
     """Windows with all their observations (200 kB each) and with loops, for the pattern, which is
     solved from few frames.
     """
@@ -260,7 +260,7 @@ def _differences_of(matcher: FrameMatcher, light: SurveyLight, segment: Segment)
     dive. Without loops, which are broken where a dive is cut.
     """
 
-    def differing(seen: SeenWindow) -> Differing:
+    def differing(seen: Observations) -> Differing:
         return seen.frames, differences(seen, light, matcher.geometry.image_size)
 
     return list(matcher.of_windows(segment, 0, differing))

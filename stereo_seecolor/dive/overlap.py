@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.observations import (
     KeyFrame,
+    Observations,
     PhotometricView,
-    SeenWindow,
     observations_of,
 )
 from stereo_seecolor.color.table.encoding import InputEncoding
@@ -131,7 +131,7 @@ class FrameMatcher:
     encoding: InputEncoding
 
     def of_windows(
-        self, segment: Segment, loops: int, work: Callable[[SeenWindow], Shown]
+        self, segment: Segment, loops: int, work: Callable[[Observations], Shown]
     ) -> Iterator[Shown]:
         """``work`` on each window of a segment's own frames, with at most ``loops`` frames of other
         survey lines. All but the chain of poses is done on all cores.
@@ -175,7 +175,7 @@ class FrameMatcher:
             [(other.number, pose) for other in before if (pose := self._pose(seen, other))],
         )
 
-    def _window(self, frame: _Placed, others: _Others) -> SeenWindow:
+    def _window(self, frame: _Placed, others: _Others) -> Observations:
         """The observations of spots that a frame and others, placed by features, show."""
         view = frame.view or self._view(frame.seen)
         views = [
@@ -183,9 +183,7 @@ class FrameMatcher:
             for other, pose in others
         ]
         seen_by = [frame.number, *(other.number for other, _ in others)]
-        return SeenWindow(
-            np.array(seen_by), observations_of(view.patches_m(LOOK.patches), [view, *views])
-        )
+        return observations_of(view.patches_m(LOOK.patches), [view, *views], seen_by)
 
     def _placed(
         self, seen: _Seen, view: PhotometricView, near: Sequence[tuple[_Placed, RelativePose]]

@@ -23,7 +23,7 @@ from stereo_seecolor.checks.odd_pairs import odd_among
 from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
-from stereo_seecolor.color.photometry.survey import CountedFrames, ExposureClass, add_to
+from stereo_seecolor.color.photometry.survey import CountedFrames, add_to
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest
@@ -202,7 +202,7 @@ def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[st
             return waters
     config = run.frames.config.color
     fitter = run.frames.source.corrector.survey_fitter(light.light, light.linked)
-    some = dict[int, ExposureClass]()
+    some = dict[int, MomentTable]()
     if fitter.joins and len(run.pairs) > LONG_DIVE:
         for counted in _counted_groups(run, light.light):
             fitter.join(counted)

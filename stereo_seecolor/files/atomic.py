@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from calibration.files import flush, flush_folder
 from stereo_seecolor.errors import OutputError
 
 TEMPORARY_PREFIX = ".writing-"
@@ -143,26 +144,10 @@ def temporaries_of(path: Path) -> list[Path]:
 def flush_file(temporary: Path) -> None:
     """Flush a written file to disk; it is removed where that fails. Raises OSError."""
     try:
-        _flush(temporary, os.O_RDWR)
+        flush(temporary)
     except OSError:
         remove(temporary)
         raise
-
-
-def flush_folder(folder: Path) -> None:
-    """Flush a folder's entries to disk, where the system can."""
-    if os.name == "nt":  # Windows cannot open folders, and flushes renames itself
-        return
-    with contextlib.suppress(OSError):  # some network file systems refuse
-        _flush(folder, os.O_RDONLY)
-
-
-def _flush(path: Path, flags: int) -> None:
-    descriptor = os.open(path, flags)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def remove_leftovers(folder: Path) -> None:

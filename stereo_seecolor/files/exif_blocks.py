@@ -5,16 +5,16 @@ import struct
 import cv2
 import numpy as np
 
-from stereo_seecolor.files.image_marks import (
+from stereo_seecolor.files.image_headers import (
     EXIF_PREFIX,
     JPEG_APP0,
     JPEG_APP1,
     JPEG_SCAN,
     JPEG_SIGNATURE,
     PNG_SIGNATURE,
+    png_chunks,
 )
 from stereo_seecolor.files.png import png_chunk
-from stereo_seecolor.files.png_decoding import png_chunks
 from stereo_seecolor.files.tiff import encode_tiff
 
 PNG_EXIF = b"eXIf"

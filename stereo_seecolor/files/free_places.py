@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from calibration.files import flush_folder
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import (
-    flush_folder,
     output_errors,
     remove,
     temporaries_of,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.deflate import deflated
-from stereo_seecolor.files.image_marks import PNG_SIGNATURE
+from stereo_seecolor.files.image_headers import PNG_SIGNATURE
 
 GRAY, PNG_RGB = 0, 2
 UNFILTERED, AVERAGE = 0, 3

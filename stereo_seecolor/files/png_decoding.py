@@ -1,14 +1,13 @@
 """Decoding of 8-bit PNG in half the time that OpenCV takes."""
 
 import struct
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.files.deflate import inflated
-from stereo_seecolor.files.image_marks import PNG_SIGNATURE
+from stereo_seecolor.files.image_headers import PNG_SIGNATURE, png_chunks
 from stereo_seecolor.files.png import AVERAGE, GRAY, PNG_RGB
 
 SUB, UP, PAETH = 1, 2, 4
@@ -33,27 +32,6 @@ def quickly_decoded(content: bytes) -> NDArray[np.uint8] | None:
         return _png(content) if content.startswith(PNG_SIGNATURE) else None
     except (ValueError, KeyError, struct.error):
         return None
-
-
-def has_exif(content: bytes) -> bool:
-    """Tell whether a PNG has a chunk of EXIF, by the headers of its chunks: a search through the
-    content takes ten times as long.
-    """
-    try:
-        return any(kind == b"eXIf" for kind, _, _ in png_chunks(content))
-    except struct.error:  # cut short
-        return b"eXIf" in content
-
-
-def png_chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
-    that is cut short.
-    """
-    at = len(PNG_SIGNATURE)
-    while at < len(content):
-        length, kind = struct.unpack_from(">I4s", content, at)
-        yield kind, at + 8, at + 8 + length
-        at += length + 12
 
 
 def _png(content: bytes) -> NDArray[np.uint8] | None:

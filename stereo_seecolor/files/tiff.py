@@ -22,7 +22,7 @@ from PIL.TiffImagePlugin import (
 )
 
 from stereo_seecolor.files.deflate import deflated
-from stereo_seecolor.files.image_marks import EXIF_PREFIX
+from stereo_seecolor.files.image_headers import EXIF_PREFIX
 
 UNCOMPRESSED, DEFLATED, BLACK_IS_ZERO, TIFF_RGB = 1, 8, 1, 2
 FLOATING_POINT = 3

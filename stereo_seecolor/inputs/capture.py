@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from PIL import ExifTags, Image
 
-from stereo_seecolor.files.image_marks import EXIF_PREFIX
-from stereo_seecolor.inputs.headers import exif_block
+from stereo_seecolor.files.image_headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import Capture
 
 KEPT_TAGS = (

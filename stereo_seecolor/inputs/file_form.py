@@ -10,7 +10,7 @@ from typing import Literal
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.headers import is_finished_color
+from stereo_seecolor.files.image_headers import is_finished_color
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair

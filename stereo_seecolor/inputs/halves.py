@@ -10,11 +10,11 @@ import cv2
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.files.contained import Container
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.inputs.capture import read_capture
-from stereo_seecolor.inputs.decoding import decode_raw
 from stereo_seecolor.inputs.listing import EXTENSIONS, Listing
 from stereo_seecolor.inputs.pairing import (
     DivePairs,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.inputs.decoding import decode_raw
+from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.records import is_monochrome
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.camera_images import decoded
 from stereo_seecolor.files.whole_files import read_bytes
-from stereo_seecolor.inputs.decoding import decoded
 from stereo_seecolor.inputs.opened_paths import open_around
 from stereo_seecolor.records import Image, Map
 

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.raw_arrays import PARSING
-from stereo_seecolor.files.whole_files import read_bytes
-from stereo_seecolor.inputs.decoding import MAX_PIXELS, decode_raw
-from stereo_seecolor.inputs.headers import (
+from stereo_seecolor.files.camera_images import MAX_PIXELS, decode_raw
+from stereo_seecolor.files.image_headers import (
     TIFF_COMPRESSION,
     TIFF_SIGNATURES,
     TIFF_UNCOMPRESSED,
     tiff_numbers,
 )
+from stereo_seecolor.files.raw_arrays import PARSING
+from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.records import Map
 
 FARTHEST_SCENE_M, NEAREST_SCENE_M = 100.0, 0.03

@@ -5,30 +5,16 @@ A changed byte of a JPEG shifts the brightness of all blocks after it, or their 
 uncompressed files a part may be missing or of another file. OpenCV decodes both, and says nothing.
 """
 
-import io
-import warnings
-import zlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL.TiffImagePlugin import (
-    STRIPBYTECOUNTS,
-    STRIPOFFSETS,
-    TILEBYTECOUNTS,
-    TILEOFFSETS,
-    TiffImageFile,
-)
 
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
-from stereo_seecolor.inputs.headers import (
+from stereo_seecolor.files.image_headers import (
     BMP_SIGNATURE,
-    TIFF_COMPRESSION,
-    TIFF_UNCOMPRESSED,
+    JPEG_SIGNATURE,
+    PNG_SIGNATURE,
     jpeg_quantization,
-    tiff_numbers,
 )
 from stereo_seecolor.records import Image
 
@@ -56,8 +42,6 @@ class SeamSettings:
 
 
 SETTINGS = SeamSettings()
-DEFLATED = (8, 32946)
-"""Compressions of TIFF: Adobe's number and the older one."""
 BLOCKS = (8, 16)
 """Rows of the blocks of a JPEG, without and with color at half resolution."""
 ONE_COLOR = 12
@@ -109,50 +93,6 @@ def seam_text(row: int) -> str:
     return (
         f"is damaged: the image below row {row} does not continue the image above: copy it again "
         "from the vehicle, or leave it out"
-    )
-
-
-def refuse_broken_stream(content: bytes, path: Path) -> None:
-    """Raise InputError for a compressed TIFF whose stream is broken: OpenCV decodes what is left of
-    it.
-    """
-    try:
-        if tiff_numbers(content).get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) == TIFF_UNCOMPRESSED:
-            return
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of damaged tags
-            image = TiffImageFile(io.BytesIO(content))
-            _unpack(image, content)
-    except _BrokenStreamError as error:
-        raise InputError(
-            f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})"
-        ) from error
-    except Exception:
-        # Pillow raises errors of many kinds for what it does not read; OpenCV judges that
-        return
-
-
-class _BrokenStreamError(Exception):
-    """Compressed pixels that cannot be unpacked."""
-
-
-def _unpack(image: TiffImageFile, content: bytes) -> None:
-    try:
-        if image.tag_v2[TIFF_COMPRESSION] in DEFLATED:  # whose checksums libtiff does not look at
-            for place, length in zip(*(image.tag_v2[tag] for tag in _places(image)), strict=True):
-                zlib.decompress(content[place : place + length])
-        else:
-            image.load()
-    except (OSError, ValueError, zlib.error) as error:
-        raise _BrokenStreamError(str(error)) from error
-
-
-def _places(image: TiffImageFile) -> tuple[int, int]:
-    """The tags of where the parts of the pixels lie, and of how long they are."""
-    return (
-        (TILEOFFSETS, TILEBYTECOUNTS)
-        if TILEOFFSETS in image.tag_v2
-        else (STRIPOFFSETS, STRIPBYTECOUNTS)
     )
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.image_headers import image_size
 from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.dive_pairs import pair_sides
-from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.listing import (
     EXTENSIONS,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.files.camera_images import MAX_PIXELS
 from stereo_seecolor.files.whole_files import special_kind
-from stereo_seecolor.inputs.decoding import MAX_PIXELS
 
 SOUND_RATE_HZ = 8000
 """Enough for voices, clicks and motors; a sample is 0.1 ms."""

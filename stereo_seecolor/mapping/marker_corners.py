@@ -35,9 +35,19 @@ def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
     sides = [_side(gray, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
     if any(side is None for side in sides):
         return corners_px
-    lines = np.array(sides)
-    met = np.array([np.cross(lines[i - 1], lines[i]) for i in range(4)])
+    met = intersections(np.array(sides))
     return np.asarray(met[:, :2] / met[:, 2:])
+
+
+def intersections(lines: Array) -> Array:
+    """Homogeneous (n, 3) points where each of the lines (n, 3) meets the one before it."""
+    return np.cross(np.roll(lines, 1, axis=0), lines)
+
+
+def line_through(points: NDArray[np.float32]) -> Array:
+    """(3,) the line a x + b y + c = 0 near most of the points (n, 2)."""
+    vx, vy, x, y = np.ravel(cv2.fitLine(points, cv2.DIST_HUBER, 0, 0.001, 0.001)).astype(np.float64)
+    return np.array([-vy, vx, vy * x - vx * y])
 
 
 def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
@@ -59,6 +69,4 @@ def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
     if not (total > 0).all():
         return None
     at = (steepness * (offsets[1:] + offsets[:-1]) / 2).sum(axis=1) / total
-    points = (feet + at[:, None] * across).astype(np.float32)
-    vx, vy, x, y = np.ravel(cv2.fitLine(points, cv2.DIST_HUBER, 0, 0.001, 0.001)).astype(np.float64)
-    return np.array([-vy, vx, vy * x - vx * y])
+    return line_through((feet + at[:, None] * across).astype(np.float32))

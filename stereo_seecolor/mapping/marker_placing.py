@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.robust_statistics import TUKEY, biweight, deviation_about_zero
 from stereo_seecolor.mapping.marker_detection import MarkerObservation
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
 Array = NDArray[np.float64]
 

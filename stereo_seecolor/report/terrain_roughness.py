@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import REACH_CELLS
-from stereo_seecolor.mapping.raster.height_model import Terrain
 from stereo_seecolor.mapping.raster.noise import averaged, blur_reach, observed
 from stereo_seecolor.mapping.raster.structure import (
     SitePart,
@@ -26,6 +25,7 @@ from stereo_seecolor.mapping.raster.structure import (
     structure_of,
     windows_of,
 )
+from stereo_seecolor.mapping.raster.terrain import Terrain
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.squares import Place, Window, roughness_without_noise, squared_roughness
 from stereo_seecolor.report.terrain_views import correlation_of, noise_of, views_of

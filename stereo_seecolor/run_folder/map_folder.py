@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from stereo_seecolor.files.atomic import files_below, flush_folder, output_errors
+from calibration.files import flush_folder
+from stereo_seecolor.files.atomic import files_below, output_errors
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
 from stereo_seecolor.run_folder.stamp import Stamp

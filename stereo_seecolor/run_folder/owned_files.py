@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from calibration.files import flush_folder
 from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
@@ -82,7 +83,7 @@ class OwnedFiles:
     def flush(self) -> None:
         """Flush the folders of all files that were moved into place."""
         while self._unflushed:
-            atomic.flush_folder(self._unflushed.pop())
+            flush_folder(self._unflushed.pop())
 
     def delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
         """Delete files of the program; one that somebody changed since is moved aside instead.

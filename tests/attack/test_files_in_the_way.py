@@ -5,6 +5,7 @@ files on a terminal.
 import errno
 import json
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,21 @@ def test_a_target_that_finds_no_room_leaves_no_half_file(
     assert code == 1, said
     assert "cannot be written: No space left" in said
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.posix
+def test_a_target_is_written_where_the_folder_cannot_be_flushed(
+    cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+
+    target = tmp_path / "target.pdf"
+    monkeypatch.setattr(os, "fsync", refuse)
+    code, _, said = cli("calibrate", "--target", "chessboard:9x6:30mm", "--print-target", target)
+    assert code == 0, said
+    assert target.read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from stereo_seecolor.color.photometry.light_model import (
     shading_terms,
 )
 from stereo_seecolor.color.photometry.light_solver import LightTerms
-from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
@@ -62,7 +62,7 @@ def spots_moving_down(
 
 def windows(
     pattern: bool, gains: NDArray[np.float64], noise: float, fade: float = 0.0
-) -> list[SeenWindow]:
+) -> list[Observations]:
     """Spots of random color that move down the picture from frame to frame, one window a frame,
     four frames each.
     """
@@ -76,8 +76,8 @@ def windows(
             :, None
         ] + noise * rng.standard_normal((patch.size, 1))
         log_light[rng.random(patch.size) < 0.05] += 1.0  # fish, and flashes of the sun
-        seen = Observations(patch, view, range_m, np.exp(log_light), pixel)
-        found.append(SeenWindow(np.arange(first, first + 4), seen))
+        frames = np.arange(first, first + 4)
+        found.append(Observations(patch, view, range_m, np.exp(log_light), pixel, frames))
     return found
 
 
@@ -183,7 +183,7 @@ def lamplight(pixel: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArr
     )
 
 
-def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
+def night_windows(gains: NDArray[np.float64]) -> list[Observations]:
     """A camera that climbs from 1.6 to 2.6 m over spots of a rough bottom, which each four frames
     see.
     """
@@ -196,9 +196,8 @@ def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
         log_light = np.log(rng.uniform(0.05, 0.2, (PATCHES, 3)))[patch] + gains[first + view]
         log_light += (lamplight(pixel, range_m) + rng.normal(0, 0.02, patch.size))[:, None]
         found.append(
-            SeenWindow(
-                np.arange(first, first + 4),
-                Observations(patch, view, range_m, np.exp(log_light), pixel),
+            Observations(
+                patch, view, range_m, np.exp(log_light), pixel, np.arange(first, first + 4)
             )
         )
     return found
@@ -215,7 +214,7 @@ def test_the_fall_off_of_lamps_is_told_from_frames_that_were_lit_less() -> None:
     assert found.light.fade == pytest.approx(2.0, abs=0.5)
 
 
-def lines_apart(lit: bool) -> list[SeenWindow]:
+def lines_apart(lit: bool) -> list[Observations]:
     """Two lines at two heights of which no spot is seen from both; the first in even light, or
     ``lit`` as the second by lamps.
     """
@@ -227,8 +226,7 @@ def lines_apart(lit: bool) -> list[SeenWindow]:
             if seen.frames[0] < 3 or seen.frames[0] > 5
         ],
     )
-    for window in (window for window in windows if window.frames[0] < 3 and not lit):
-        seen = window.seen
+    for seen in (window for window in windows if window.frames[0] < 3 and not lit):
         lamps = lamplight(seen.pixel, seen.range_m) - lamplight(
             np.array([SIZE]) / 2.0, np.array([near_m])
         )
@@ -257,8 +255,7 @@ def test_lamps_switched_on_between_lines_that_share_no_spot_are_not_taken_out_of
 def test_frames_that_differ_no_more_than_caustics_explain_get_no_gains() -> None:
     """Neighboring spots lie under one caustic, those that judge and those of the fit alike."""
     rng, even = np.random.default_rng(8), windows(False, np.zeros((FRAMES, 3)), 0.05)
-    for window in even:
-        seen = window.seen
+    for seen in even:
         caustics = (
             0.25
             * rng.standard_normal((1 + seen.patch.max() // 10, FRAMES))[
@@ -274,7 +271,7 @@ def test_frames_that_differ_no_more_than_caustics_explain_get_no_gains() -> None
 
 def two_lines(
     gains: NDArray[np.float64], pattern: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> list[SeenWindow]:
+) -> list[Observations]:
     """Spots under two lines that a camera flies to and fro without turning, so that these overlap
     by a third of a picture.
     """
@@ -288,9 +285,7 @@ def two_lines(
     pixel, range_m = pixel[patch, view], rng.uniform(1.5, 2.5, len(patch))
     log_light = np.log(rng.uniform(0.05, 0.3, (len(spots), 1)) * np.ones(3))[patch]
     log_light += (gains[view] + pattern(pixel) + rng.normal(0, 0.05, len(patch)))[:, None]
-    return [
-        SeenWindow(np.arange(FRAMES), Observations(patch, view, range_m, np.exp(log_light), pixel))
-    ]
+    return [Observations(patch, view, range_m, np.exp(log_light), pixel, np.arange(FRAMES))]
 
 
 def radial(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -398,7 +393,7 @@ def test_a_pixel_that_is_clipped_in_one_channel_does_not_change_its_color() -> N
     np.testing.assert_array_equal(out, image)
 
 
-def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
+def crossing(pictures: float, patches: int = 800) -> list[Observations]:
     """Three frames of one spot, over which the reef moves by so many pictures in all; the picture's
     left side is lit red.
     """
@@ -416,15 +411,14 @@ def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
         log_light = rng.uniform(-2.5, -1.5, (patches, 3))[patch] + x * np.array([-0.4, -0.1, -0.1])
         light = np.exp(log_light + 0.01 * rng.standard_normal((view.size, 1)))
         found.append(
-            SeenWindow(
-                np.array([later, later - 1]),
-                Observations(patch, 1 - view, np.full(view.size, 2.0), light, pixel),
+            Observations(
+                patch, 1 - view, np.full(view.size, 2.0), light, pixel, np.array([later, later - 1])
             )
         )
     return found
 
 
-def redder_ahead(frames: int) -> list[SeenWindow]:
+def redder_ahead(frames: int) -> list[Observations]:
     """Spots that move down the pictures, which are redder at the top; frames do not differ."""
     rng, found = np.random.default_rng(1), []
     for first in range(frames - 3):
@@ -433,8 +427,8 @@ def redder_ahead(frames: int) -> list[SeenWindow]:
         log_light = np.log(rng.uniform(0.05, 0.3, (PATCHES, 3)))[patch]
         log_light += y * np.array([-0.2, 0.1, 0.1]) + 0.05 * rng.standard_normal((patch.size, 3))
         range_m = rng.uniform(1.5, 2.5, patch.size)
-        seen = Observations(patch, view, range_m, np.exp(log_light), pixel)
-        found.append(SeenWindow(np.arange(first, first + 4), seen))
+        frames = np.arange(first, first + 4)
+        found.append(Observations(patch, view, range_m, np.exp(log_light), pixel, frames))
     return found
 
 
@@ -478,7 +472,7 @@ def test_a_few_frames_give_a_pattern_of_brightness_and_more_reef_one_of_color(
     assert ("only 100 spots are seen by two frames" in found.note) == (not any(used))
 
 
-def bowl() -> list[SeenWindow]:
+def bowl() -> list[Observations]:
     """A bottom that is farther at the picture's borders, in a light that is redder there and bluer
     on one side.
     """
@@ -492,9 +486,8 @@ def bowl() -> list[SeenWindow]:
             0, 0.01, (patch.size, 3)
         )
         found.append(
-            SeenWindow(
-                np.arange(first, first + 4),
-                Observations(patch, view, range_m, np.exp(log_light), pixel),
+            Observations(
+                patch, view, range_m, np.exp(log_light), pixel, np.arange(first, first + 4)
             )
         )
     return found
@@ -505,12 +498,12 @@ def radius2(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(x**2 + y**2)
 
 
-def redder_at_borders(light: Light, seen: list[SeenWindow]) -> float:
+def redder_at_borders(light: Light, seen: list[Observations]) -> float:
     """Red over green (logarithm) for each unit of squared radius, once the light is taken out of
     all spots and then the water.
     """
     pixel, range_m, shown = (
-        np.concatenate([getattr(one.seen, part) for one in seen])
+        np.concatenate([getattr(one, part) for one in seen])
         for part in ("pixel", "range_m", "light")
     )
     even = shown * np.exp(-light.log_pattern(pixel, range_m, SIZE))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
-from stereo_seecolor.color.photometry.observations import KeyFrame, Observations, find_observations
+from stereo_seecolor.color.photometry.observations import KeyFrame, Observations
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.extras.evaluation.multiview import fit_observations
+from stereo_seecolor.extras.evaluation.multiview import find_observations, fit_observations
 from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
@@ -38,9 +38,8 @@ def sightings_through(
     range_m = rng.uniform(*RANGES_M, patch.size)
     light = colors[patch] * water.white * water.attenuation(range_m) + water.backscatter(range_m)
     light += noise * rng.standard_normal(light.shape)
-    return Observations(
-        patch, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((patch.size, 2))
-    )
+    frame, pixel = np.tile(np.arange(each), len(colors)), np.zeros((patch.size, 2))
+    return Observations(patch, frame, range_m, light, pixel, np.arange(each))
 
 
 def reef(patches: int = 1500) -> NDArray[np.float64]:
@@ -101,16 +100,7 @@ def test_wrong_matches_weigh_little() -> None:
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
     with pytest.raises(ColorError, match="only 20 observations"):
-        fit_observations(
-            Observations(
-                seen.patch[:20],
-                seen.frame[:20],
-                seen.range_m[:20],
-                seen.light[:20],
-                seen.pixel[:20],
-            ),
-            "srgb",
-        )
+        fit_observations(seen.part(np.arange(20)), "srgb")
     with pytest.raises(ColorError, match="fly at two altitudes"):
         fit_observations(replace(seen, range_m=np.full(seen.range_m.shape, 2.0)), "srgb")
 

@@ -19,7 +19,7 @@ from stereo_seecolor.color.photometry.light_of_frames import (
     solve_frames,
 )
 from stereo_seecolor.color.photometry.light_solver import LightTerms
-from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.dive import light_search
@@ -44,7 +44,7 @@ def waves(place: Array, frame: NDArray[np.int64] | int) -> Array:
     return np.asarray(0.25 * np.sin(np.pi * (place @ [0.35, 0.3]) + 2.3 * np.asarray(frame) + 0.5))
 
 
-def windows(seen_as: float, color: tuple[float, float, float], noise: float) -> list[SeenWindow]:
+def windows(seen_as: float, color: tuple[float, float, float], noise: float) -> list[Observations]:
     """Spots that move down the picture under waves, ``seen_as`` times as strong and of that color:
     one window a frame, of four.
     """
@@ -59,15 +59,12 @@ def windows(seen_as: float, color: tuple[float, float, float], noise: float) -> 
         light += np.log(rng.uniform(0.05, 0.3, (300, 3)))[patch]
         range_m = rng.uniform(1.5, 2.5, patch.size)
         found.append(
-            SeenWindow(
-                np.arange(first, first + 4),
-                Observations(patch, view, range_m, np.exp(light), pixel),
-            )
+            Observations(patch, view, range_m, np.exp(light), pixel, np.arange(first, first + 4))
         )
     return found
 
 
-def solved(seen: list[SeenWindow], allowed: LightTerms = ALL) -> SurveyLight:
+def solved(seen: list[Observations], allowed: LightTerms = ALL) -> SurveyLight:
     found = solve_light(seen, [str(k) for k in range(FRAMES)], SIZE, allowed)
     assert found is not None
     return found

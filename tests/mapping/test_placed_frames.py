@@ -15,8 +15,8 @@ from stereo_seecolor.commands.described_frames import describe_frames, gps_tags,
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import ImageFormat, encode_image
+from stereo_seecolor.files.image_headers import exif_block, image_size
 from stereo_seecolor.inputs.capture import read_capture
-from stereo_seecolor.inputs.headers import exif_block, image_size
 from stereo_seecolor.records import FrameRow, GeoOrigin
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 from stereo_seecolor.run_folder.finished_run import open_run

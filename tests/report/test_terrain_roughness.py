@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.terrain_of_mesh import terrain_errors
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain
 from stereo_seecolor.mapping.raster.structure import structure
+from stereo_seecolor.mapping.raster.terrain import Terrain
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.report import terrain_roughness as module
 from stereo_seecolor.report.terrain_roughness import TerrainRoughness, terrain_roughness

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from stereo_seecolor.compute import packed
 from stereo_seecolor.config import OutputConfig
@@ -25,10 +25,12 @@ from stereo_seecolor.files.encode import (
     encode_map,
     rounded,
 )
+from stereo_seecolor.files.image_headers import EXIF_PREFIX
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.files.png import _file, encode_codes, encode_png
 from stereo_seecolor.files.png_decoding import quickly_decoded
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.frame_table import FrameTable, RunSummary
 from stereo_seecolor.run_folder.frames_csv import frames_csv
@@ -258,6 +260,18 @@ def test_a_map_is_read_as_it_was_written_or_not_at_all(tmp_path: Path, deflate: 
         path.write_bytes(content[:size])
         with pytest.raises(InputError, match=r"a\.tiff: is damaged"):
             read_array(path)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_tiff_in_the_byte_order_of_its_camera_is_read_in_its_size(
+    tmp_path: Path, order: str
+) -> None:
+    exif = Image.Exif()
+    exif.endian = order
+    exif[ExifTags.Base.Make] = "Reef"
+    image, path = RNG.integers(0, 255, (37, 51, 3), dtype=np.uint8), tmp_path / "a.tiff"
+    path.write_bytes(encode_tiff(image, exif.tobytes().removeprefix(EXIF_PREFIX)))
+    np.testing.assert_array_equal(read_array(path, (51, 37)), image)
 
 
 def test_own_pngs_are_read_as_opencv_reads_them() -> None:

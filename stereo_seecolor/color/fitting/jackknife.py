@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.resampling import jackknife
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.fitting.robust import COLOR_AXES
+from stereo_seecolor.color.fitting.robust import COLOR_AXES, NAMES
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
@@ -24,7 +25,6 @@ LEAST_VARIANCE = 1e-12
 """Least variance of a logarithm: the errors that a user stated may not be possible for three
 numbers that sum to 0.
 """
-NAMES = ("y", "w", "beta", "gamma_inf", "white")
 
 
 def with_errors_of_blocks(
@@ -87,5 +87,4 @@ def _errors(
     values = np.array([[getattr(one, name) for name in NAMES] for one in waters])
     white = np.log(values[:, 4])
     values[:, 4] = (white - white.mean(axis=1, keepdims=True)) * water.white
-    errors = np.sqrt((len(rest) - 1) * values.var(axis=0))
-    return dict(zip(NAMES, errors, strict=True))
+    return dict(zip(NAMES, jackknife(values), strict=True))

@@ -59,6 +59,10 @@ class RobustSettings:
     that causes a warning: logarithm of R/B. FLSea and 3374 have -0.2 to 0.15, frames with lamp-lit
     particles or little light mostly 0.5 to 1.3.
     """
+    shared: float = 0.05
+    """Standard deviation of the logarithms of a water that frames share: not visible in a color."""
+    exposure: float = 2.0
+    """Standard deviation of the logarithm of a frame's exposure: it says nothing of the water."""
 
 
 SETTINGS = RobustSettings()
@@ -68,6 +72,10 @@ brightness.
 """
 LEAST_PRECISION = 1e-6
 """Least precision of a logarithm along an axis: an image without information about it."""
+NAMES = ("y", "w", "beta", "gamma_inf", "white")
+"""The water's parameters, in the order of their logarithms."""
+ENOUGH = 0.1
+"""A fit of costs ends with a step that lowers the cost by less: their limits are 25 and more."""
 MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
 """The middle half and the brightest hundredth, among the nine quantiles."""
 RED_HIGHLIGHTS = (
@@ -92,12 +100,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     Returns:
         The water, with standard errors (NaN where the image adds no information).
     """
-    return fit_quantiles(quantiles_by_range(table, config.encoding), config, start)
-
-
-def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
-    """Fit the water as ``fit`` does, to the quantiles of a table."""
-    return fit_all([seen], config, [start])[0][0]
+    return fit_all([quantiles_by_range(table, config.encoding)], config, [start])[0][0]
 
 
 def fit_all(
@@ -136,8 +139,8 @@ def _begin(
             x[:WATER] = parameters(start, scale)
     else:
         mean[:WATER] = parameters(shared, scale)
-        covariance = np.eye(WATER) * MISFIT_SETTINGS.tolerance**2
-        covariance[12:, 12:] += MISFIT_SETTINGS.exposure**2
+        covariance = np.eye(WATER) * SETTINGS.shared**2
+        covariance[12:, 12:] += SETTINGS.exposure**2
         precision[:WATER, :WATER] = np.linalg.inv(covariance)
         x = mean.copy()
         x[12:WATER] += (brightest - x[12:WATER]).mean()
@@ -180,7 +183,7 @@ def _water(
         y=y,
         x=np.zeros(3),
         white=white,
-        standard_errors=dict(zip(("y", "w", "beta", "gamma_inf", "white"), errors, strict=True)),
+        standard_errors=dict(zip(NAMES, errors, strict=True)),
         input_encoding=config.encoding,
         warnings=(*_warnings(seen), *_highlight_warnings(x - problem.mean, seen.light.shape[-1])),
     )
@@ -284,37 +287,8 @@ def parameters(water: Water, scale: float) -> Vector:
     ``scale``.
     """
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
-    return np.concatenate(
-        [
-            np.log(water.y),
-            np.log1p(ratio),
-            np.log(water.beta),
-            np.log(backscatter),
-            np.log(water.white / scale),
-        ],
-        dtype=np.float64,
-    )
-
-
-@dataclass(frozen=True)
-class MisfitSettings:
-    """Limits for a water that several frames share."""
-
-    tolerance: float = 0.05
-    """Standard deviation of the logarithms of a shared water between frames: not visible in a
-    color.
-    """
-    exposure: float = 2.0
-    """Standard deviation of the logarithm of a frame's exposure: it contains no information about
-    the water.
-    """
-
-
-MISFIT_SETTINGS = MisfitSettings()
-ENOUGH = 0.1
-"""A fit of costs ends with a step that lowers the cost by less: costs are compared with limits of
-25 and more.
-"""
+    far, *rest = map(np.log, (water.y, water.beta, backscatter, water.white / scale))
+    return np.concatenate([far, np.log1p(ratio), *rest], dtype=np.float64)
 
 
 def quality(

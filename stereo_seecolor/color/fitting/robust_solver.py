@@ -74,7 +74,6 @@ class Noise:
     """Light that the offset of a camera hides, relative to the brightest."""
     darker: float = 0.015
     """Fraction by which backscatter may exceed the darkest quantile."""
-
     green_over_blue: float = 0.06
     """1/m, largest excess of the attenuation of green over that of blue. Pure water absorbs 0.036
     more at 535 than at 460 nm (Pope, Fry 1997), and all other substances in the sea absorb blue
@@ -242,24 +241,17 @@ def minimize(
     enough: the fit ends with a step that lowers the cost by less, if only costs are needed.
     """
     groups = max(len(problem.range_m) for problem in problems)
-    padded = np.stack(
-        [
-            np.pad(x, (0, groups - len(problem.range_m)))
-            for x, problem in zip(start, problems, strict=True)
-        ]
-    )
+    both = zip(start, problems, strict=True)
+    padded = np.stack([np.pad(x, (0, groups - len(problem.range_m))) for x, problem in both])
     with one_thread():
         batch, x = Batch.of(problems), _monotonic(torch.from_numpy(padded))
         # from the start, ranges may be odd because the water is: so first with all of them
         for odd in (torch.inf, NOISE.odd):
             now = _descend(batch, x, odd, enough)
     sizes = [len(problem.mean) for problem in problems]
-    found = [one[:size].copy() for one, size in zip(x.numpy(), sizes, strict=True)]
-    return (
-        found,
-        [one[:size, :size].copy() for one, size in zip(now.matrix.numpy(), sizes, strict=True)],
-        now.cost.numpy(),
-    )
+    ends = list(zip(x.numpy(), now.matrix.numpy(), sizes, strict=True))
+    found, curvature = [x[:n].copy() for x, _, n in ends], [H[:n, :n].copy() for _, H, n in ends]
+    return found, curvature, now.cost.numpy()
 
 
 def _descend(batch: Batch, x: Tensor, odd: float, enough: float) -> Normal:

@@ -68,21 +68,10 @@ class ScenePrior:
 SCENE = ScenePrior()
 
 
-@dataclass(frozen=True)
-class SetByUser:
-    """Variances of the logarithms of values that the configuration sets."""
-
-    value: float = 1e-6
-    """Variance of each value: a standard deviation of a thousandth; keeps the covariance
-    invertible.
-    """
-    white_brightness: float = 4.0
-    """Variance of the brightness of a white point that the user sets: a factor of 7, because
-    exposure is free.
-    """
-
-
-SET = SetByUser()
+SET_COLOR, SET_BRIGHTNESS = 1e-6, 4.0
+"""Variances of the logarithms of a white point that the user sets: of its channels, so that the
+covariance stays invertible; of its brightness a factor of 7, because exposure is free.
+"""
 
 
 @lru_cache(maxsize=64)
@@ -137,7 +126,7 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
         return mean, covariance
     known, white = settings.white_point, slice(12, WATER)
     values = np.log(known) if isinstance(known, tuple) else np.zeros(3)
-    observed = covariance[white, white] + SET.value * np.eye(3) + SET.white_brightness
+    observed = covariance[white, white] + SET_COLOR * np.eye(3) + SET_BRIGHTNESS
     gain = covariance[:, white] @ np.linalg.inv(observed)
     off = values - values.mean() - mean[white]
     return mean + gain @ off, covariance - gain @ covariance[white]

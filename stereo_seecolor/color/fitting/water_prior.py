@@ -132,11 +132,8 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     kd = np.interp(WAVELENGTH_NM, TABLE_NM, table)
     scattering = max(scattering_per_m(table), ENSEMBLE.least_scattering_per_m)
     beam = kd + ENSEMBLE.beam_scattering * draw[1] * scattering
-    depth_m = (
-        draw[2] * min(ENSEMBLE.deepest_m, ENSEMBLE.most_optical_depth / kd.min())
-        if depth_m is None
-        else depth_m
-    )
+    if depth_m is None:
+        depth_m = draw[2] * min(ENSEMBLE.deepest_m, ENSEMBLE.most_optical_depth / kd.min())
     sunlight = np.exp(-kd * depth_m)
     channels = random_camera(draw[3:7])
     white = channels @ sunlight
@@ -145,22 +142,13 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
         np.exp(-RATE_OF_CHANGE * _RANGE_M), -np.log(transmission) / _RANGE_M[:, None], 1
     )
     above = np.exp(kd * 2 * ENSEMBLE.lit_above_m * (draw[7] - 0.5))
-    scattered = (
-        sunlight
-        * above
-        * (WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8]
-        * scattering
-        / beam
-    )
+    power = (WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8]
+    scattered = sunlight * above * power * scattering / beam
     backscatter = channels @ scattered
     reached = channels @ (scattered * -np.expm1(-ENSEMBLE.seen_at_m * beam)) / backscatter
     log_white = np.log(white)
-    log_backscatter = (
-        np.log(backscatter)
-        - log_white
-        + np.log(ENSEMBLE.gamma_inf[0])
-        + draw[9] * np.log(ENSEMBLE.gamma_inf[1])
-    )
+    least, most = np.log(ENSEMBLE.gamma_inf)
+    log_backscatter = np.log(backscatter) - log_white + least + draw[9] * most
     return np.concatenate(
         [
             np.log(far),

@@ -1,10 +1,9 @@
 """The color of the pattern of light, solved again after the water is removed from the observations.
 
-If range depends on the position in the image (borders are farther than the middle), both the
-pattern and the trend with range explain differences between views of a spot. The trend is left to
-the water, but the fitted water removes another trend, and backscatter: views that agreed differ
-again, and borders get another color than the middle. So the water is fitted to the observations, as
-it is later to the images, and the remaining color is added to the pattern.
+If range depends on the position in the image (borders are farther than the middle), pattern and
+trend with range explain the same differences between views. The trend is left to the water, but the
+fitted water removes another trend, and backscatter: borders get another color than the middle. So
+the water is fitted to the observations, and the color that it leaves is added to the pattern.
 """
 
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from stereo_seecolor.color.photometry.light_solver import (
     solve,
     window_of,
 )
-from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig
@@ -33,17 +32,16 @@ from stereo_seecolor.records import Water
 
 Array = NDArray[np.float64]
 LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
-"""Prior of the remaining color of the pattern: a few percent, and no trend with range, which was
-removed with the water. With 0.05 two of eight synthetic dives improve less and one gets worse; with
-0.2 the evidence supports the pattern in no dive.
+"""Prior of the remaining color of the pattern: a few percent, and no trend with range. With 0.05
+two of eight synthetic dives improve less and one gets worse; with 0.2 none has a pattern.
 """
 USES = (
     LightTerms(gains=True),
     LightTerms(pattern=True, gains=True),
     LightTerms(pattern=True, ranged=True, gains=True),
 )
-"""Each frame has a gain here, which is not used: without it, a slope along the track follows the
-error of the water between altitudes (synthetic dives: 10 % of pattern in color instead of 4).
+"""Gains are solved and not used: without them, a slope along the track follows the error of the
+water between altitudes (synthetic dives: 10 % of pattern in color instead of 4).
 """
 LINEAR = ColorConfig(input_encoding="linear")
 FULL = 65535
@@ -52,7 +50,7 @@ FULL = 65535
 
 def refit_color_after_water(
     survey_light: SurveyLight,
-    windows: Sequence[SeenWindow],
+    windows: Sequence[Observations],
     names: Sequence[str],
     size: tuple[int, int],
 ) -> SurveyLight:
@@ -65,46 +63,39 @@ def refit_color_after_water(
     if not survey_light.color.use.pattern:
         return survey_light
     light = survey_light.solved
-    gains = np.array([light.gains.get(name, np.zeros(3)) for name in names])
-    shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(
-        -1, SHADING, 3
+    gains, shading = (
+        np.array([of.get(name, np.zeros(each)) for name in names]).reshape(-1, each // 3, 3)
+        for of, each in ((light.gains, 3), (light.shading, 3 * SHADING))
     )
-    even = [_even(window, light, gains, shading, size) for window in windows]
+    even = [_even(window, light, gains[:, 0], shading, size) for window in windows]
     water = with_color_trend(_water(even), light.color_trend)
 
-    def left(window: SeenWindow, seen: Observations) -> Window:
+    def left(window: Observations, seen: Observations) -> Window:
         """The window with the water removed, without observations to which it leaves no light."""
         direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
-        kept = usable(window.seen) & (direct > LIMITS.light[0]).all(axis=1)
+        kept = usable(window) & (direct > LIMITS.light[0]).all(axis=1)
         lit = replace(seen, light=np.maximum(direct, LIMITS.light[0]))
-        return window_of(lit, window.frames, kept, light, size)
+        return window_of(lit, kept, light, size)
 
     made = [left(*both) for both in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
     if not made:
         return survey_light
     made, measured = numbered(made)
-    colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
     prior = LightPrior.unknown(LEFT, alike(survey_light.crossed, len(windows)))
-    equations = Equations.of(made, colors, len(measured))
-    solved = min(
-        (solve(equations, use, prior) for use in USES),
-        key=lambda solution: solution.misfit,
-    )
-    return replace(
-        survey_light, solved=replace(light, coefficients=light.coefficients + solved.coefficients)
-    )
+    equations = Equations.of([window.color for window in made], len(measured))
+    solved = min((solve(equations, use, prior) for use in USES), key=lambda one: one.misfit)
+    coefficients = light.coefficients + solved.coefficients
+    return replace(survey_light, solved=replace(light, coefficients=coefficients))
 
 
 def _even(
-    window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]
+    seen: Observations, light: Light, gains: Array, shading: Array, size: tuple[int, int]
 ) -> Observations:
-    """The observations of a window with the light divided out."""
-    seen = window.seen
-    log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
-    own = np.einsum(
-        "ns,nsc->nc", shading_terms(places(seen.pixel, size)), shading[window.frames][seen.frame]
-    )
+    """The observations with the light divided out."""
+    frame, terms = seen.frames[seen.frame], shading_terms(places(seen.pixel, size))
+    log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[frame]
+    own = np.einsum("ns,nsc->nc", terms, shading[frame])
     return replace(seen, light=seen.light * np.exp(-log_light - own))
 
 

@@ -40,12 +40,7 @@ class ColorTrend:
 
     def content(self) -> dict[str, Any]:
         """Convert to JSON."""
-        return {
-            "power": self.power.tolist(),
-            "error": self.error,
-            "range_m": self.range_m,
-            "light": self.light.tolist(),
-        }
+        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
 
     @classmethod
     def from_content(cls, content: Any) -> "ColorTrend":

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereo_seecolor.color.photometry.light_prior import Alike
-from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 
 
 @dataclass(frozen=True)
@@ -18,13 +18,10 @@ class CrossingSettings:
     """
 
     correlated: float = 10.0
-    """Number of observations that count as one: neighbors share a caustic and errors of range and
-    pose.
-    """
+    """Observations that count as one: neighbors share a caustic and errors of range and pose."""
     whole: float = 1.5
-    """Motion below which more observations count as one, in inverse proportion. The reef moves by
-    0.3 in three neighboring frames: with 10 observations as one, their pattern of luminance leaves
-    0.84 to 1.22 of the spread of other frames, with 50 0.84 to 0.94.
+    """Motion below which more observations count as one, in inverse proportion. At 0.3 a pattern of
+    luminance with 10 as one leaves 0.84 to 1.22 of the spread of other frames, 50 0.84 to 0.94.
     """
     color: float = 1.0
     """Least motion for a pattern of color: with less, other frames got worse (1.5 times at 0.3)."""
@@ -33,7 +30,7 @@ class CrossingSettings:
 CROSSING_SETTINGS = CrossingSettings()
 
 
-def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> float:
+def pictures_crossed(windows: Sequence[Observations], size: tuple[int, int]) -> float:
     """Sum the motion of the reef from the first frame of each window to the nearest other one, in
     image sizes.
 
@@ -43,26 +40,18 @@ def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> fl
 
 
 def alike(crossed: float, windows: int) -> Alike:
-    """Return the number of observations that count as one.
-
-    Args:
-        crossed: Result of ``pictures_crossed``.
-        windows: Their number.
-    """
+    """The numbers that count as one. crossed: of ``pictures_crossed``. windows: their number."""
     views = CROSSING_SETTINGS.correlated * max(
         1.0, CROSSING_SETTINGS.whole / max(crossed, 0.1 * CROSSING_SETTINGS.whole)
     )
     return Alike(views, max(windows / (1.0 + crossed), 1.0))
 
 
-def _shift(window: SeenWindow, size: tuple[int, int]) -> float:
+def _shift(seen: Observations, size: tuple[int, int]) -> float:
     """Median motion of a window's patches, in image sizes."""
-    nearest, seen = 1 + int(np.argmin(np.abs(window.frames[1:] - window.frames[0]))), window.seen
-    first, there = (np.flatnonzero(seen.frame == number) for number in (0, nearest))
-    common, a, b = np.intersect1d(
-        seen.patch[first], seen.patch[there], assume_unique=True, return_indices=True
-    )
-    if not common.size:
+    nearest = 1 + int(np.argmin(np.abs(seen.frames[1:] - seen.frames[0])))
+    a, b = seen.of_both(0, nearest)
+    if not a.size:
         return 0.0
-    moved = (seen.pixel[first[a]] - seen.pixel[there[b]]) / np.array(size)
+    moved = (seen.pixel[a] - seen.pixel[b]) / np.array(size)
     return float(np.linalg.norm(np.median(moved, axis=0)))

@@ -3,7 +3,7 @@ usual exposure.
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,6 @@ DARKEST = -12.0
 
 MOST = SHAPE.most
 """``SHAPE.most`` as a number for compiled functions."""
-
-
-class _Scale(NamedTuple):
-    """log_light (V,): of each value. values (NODES,): of each step of it, from DARKEST to 0."""
-
-    log_light: NDArray[np.float32]
-    values: NDArray[Any]
 
 
 def divide_illumination(
@@ -67,14 +60,17 @@ def divide_illumination(
 
 
 @lru_cache
-def _scale(bit_depth: int, encoding: InputEncoding) -> _Scale:
+def _scale(
+    bit_depth: int, encoding: InputEncoding
+) -> tuple[NDArray[np.float32], NDArray[np.unsignedinteger]]:
+    """Logarithm of the light of each value, and the value of each step of it, DARKEST to 0."""
     full = 2**bit_depth - 1
     light = decoded_values(bit_depth, encoding).astype(np.float64)
     log_light = np.log(np.maximum(light, np.exp(DARKEST))).astype(np.float32)
     steps = np.exp(np.linspace(DARKEST, 0, NODES[bit_depth]))
     steps[0] = 0
     values = np.round((encode(steps, "srgb") if encoding == "srgb" else steps) * full)
-    return _Scale(log_light, values.astype(np.uint8 if bit_depth == 8 else np.uint16))
+    return log_light, values.astype(np.uint8 if bit_depth == 8 else np.uint16)
 
 
 @compiled
@@ -89,7 +85,8 @@ def _even(
     out: Any,
 ) -> None:
     """Divide pattern, gain and shading out, into ``out``. clipped: least value that may be so."""
-    most, last = np.float32(MOST), scale.values.size - 1
+    (lights, values), most = scale, np.float32(MOST)
+    last = values.size - 1
     step = np.float32(last / -DARKEST)
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
@@ -103,7 +100,7 @@ def _even(
                 for k in range(maps.shape[3] - 1, -1, -1):
                     pattern = pattern * z + maps[row, column, c, k]
                 pattern = min(max(pattern, -most), most)
-                light = scale.log_light[value] - pattern - log_gain[c] - log_shading[row, column, c]
+                light = lights[value] - pattern - log_gain[c] - log_shading[row, column, c]
                 at = np.int64((light - np.float32(DARKEST)) * step + np.float32(0.5))
-                shown = scale.values[min(max(at, 0), last)]
+                shown = values[min(max(at, 0), last)]
                 out[row, column, c] = max(shown, value) if is_clipped else shown

@@ -17,20 +17,15 @@ _PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Sums of light over channels and pixels of a range bin, and numbers of pixels, (256,); they
-    can be added.
-    """
+    """Sums of light over channels and pixels of a range bin, and numbers of pixels, (256,)."""
 
     light: NDArray[np.floating]
     pixels: NDArray[np.signedinteger]
 
     @classmethod
     def of(cls, table: MomentTable, encoding: InputEncoding) -> "Brightness":
-        """Compute the brightness of a table."""
+        """The brightness of a table."""
         return cls(table.counts.sum(axis=0) @ decoded_bins(table.bit_depth, encoding), table.pixels)
-
-    def __add__(self, other: "Brightness") -> "Brightness":
-        return Brightness(self.light + other.light, self.pixels + other.pixels)
 
     def packed(self) -> bytes:
         """Pack the range bins that have pixels, 9 bytes each: a dive has thousands of frames."""
@@ -43,7 +38,7 @@ class Brightness:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "Brightness":
-        """Unpack the brightness of ``packed``, in single precision; it cannot be added to."""
+        """Unpack the brightness of ``packed``, in single precision."""
         packed = np.frombuffer(content, _PACKED)
         light, pixels = np.zeros(RANGE_BINS, np.float32), np.zeros(RANGE_BINS, np.int32)
         light[packed["range_bin"]], pixels[packed["range_bin"]] = packed["light"], packed["pixels"]
@@ -51,12 +46,12 @@ class Brightness:
 
     @property
     def stops(self) -> float:
-        """Return log2 of the mean light; -inf without light."""
+        """Log2 of the mean light; -inf without light."""
         mean = self.light.sum() / max(int(self.pixels.sum()), 1)
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """Return the ratio of brightness to the reference, mean over common range bins; 1 without
+        """The ratio of brightness to the reference, mean over common range bins; 1 without
         any.
         """
         both = (self.light > 0) & (reference.light > 0)
@@ -65,11 +60,8 @@ class Brightness:
         brighter = np.log(self.light[both] / self.pixels[both]) - np.log(
             reference.light[both] / reference.pixels[both]
         )
-        return float(
-            np.exp(
-                np.average(brighter, weights=np.minimum(self.pixels[both], reference.pixels[both]))
-            )
-        )
+        weights = np.minimum(self.pixels[both], reference.pixels[both])
+        return float(np.exp(np.average(brighter, weights=weights)))
 
 
 def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
@@ -86,13 +78,7 @@ def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding)
 
 def exposed(water: Water, factor: float) -> Water:
     """Convert water parameters to a ``factor`` times longer exposure."""
+    water = replace(water, white=water.white * factor)
     if water.final_sigmoid:
-        return replace(
-            water, final_sigmoid=water.final_sigmoid * factor, white=water.white * factor
-        )
-    return replace(
-        water,
-        gamma_inf=water.gamma_inf * factor,
-        eta=water.eta * factor,
-        white=water.white * factor,
-    )
+        return replace(water, final_sigmoid=water.final_sigmoid * factor)
+    return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor)

@@ -1,10 +1,9 @@
 """The prior of the light of lamps on the rig: mean and covariance of the computed light of many
 random rigs.
 
-Lamps near the camera make a pattern that changes with range, and their light falls off with the
-square of the range. The two are correlated: a pattern that changes with range like that of lamps
-determines the fall-off. Views of the same spots alone hardly distinguish it from frames with less
-light.
+Lamps near the camera make a pattern that changes with range, and their light falls off. The two are
+correlated: a pattern that changes like that of lamps determines the fall-off, which views alone
+hardly distinguish from frames with less light.
 """
 
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import low_discrepancy
 from stereo_seecolor.color.photometry.light_model import (
+    PATTERN,
     SHAPE,
     TERMS,
     pattern_terms,
@@ -36,9 +36,7 @@ class LampSettings:
     ahead_m: float = 0.3
     """Distance of lamps in front of the camera and behind it."""
     beam: tuple[float, float] = (0.5, 6.0)
-    """Power of the cosine of the angle from the axis of the lamp: half the light at 75 and at 27
-    degrees.
-    """
+    """Power of the cosine of the angle from a lamp's axis: half the light at 75 and 27 degrees."""
     aim_rad: float = 0.3
     """Standard deviation of the axis of a lamp relative to that of the camera, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)
@@ -52,9 +50,7 @@ class LampSettings:
     sun: tuple[float, float] = (0.0, 0.6)
     """Fraction of sunlight at the reference range: 0 at night."""
     rest: float = 0.05
-    """Standard deviation of a coefficient, for variations that the random rigs do not contain; of
-    its change a fifth.
-    """
+    """Standard deviation of a coefficient, for variations that the random rigs do not contain."""
     rest_trend: float = 0.04
     """The same for the trend, for a range that is a fifth longer."""
 
@@ -71,7 +67,7 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Compute mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
+    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
     and day.
 
     Args:
@@ -86,11 +82,15 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
     light = np.stack([_light(draw, pixel, range_m, steps == 0) for draw in draws])
     regular = 1e-6 * len(steps) * np.eye(terms.shape[1])
     found = np.linalg.solve(terms.T @ terms + regular, terms.T @ light.T)[: TERMS + 1].T
-    number = TERMS // (SHAPE.range_degree + 1)
-    rest = np.array(
-        [SETTINGS.rest] * number + [0.2 * SETTINGS.rest] * (TERMS - number) + [SETTINGS.rest_trend]
-    )
-    return found.mean(axis=0), np.cov(found.T) + np.diag(rest**2)
+    return found.mean(axis=0), np.cov(found.T) + unexplained(SETTINGS.rest, SETTINGS.rest_trend)
+
+
+def unexplained(coefficient: float, trend: float) -> Array:
+    """Covariance (TERMS + 1, TERMS + 1) of independent errors of a model of pattern and trend, by
+    standard deviations: of a change with range a fifth of a ``coefficient``.
+    """
+    ranged = [0.2 * coefficient] * (TERMS - PATTERN)
+    return np.diag(np.square([coefficient] * PATTERN + ranged + [trend]))
 
 
 def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool_]) -> Array:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.light_solver import (
     Equations,
@@ -20,7 +21,6 @@ from stereo_seecolor.color.photometry.light_solver import (
     pattern_error,
     solve,
 )
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -30,9 +30,7 @@ class ChoiceSettings:
     """Conditions for a term."""
 
     better: float = 0.02
-    """Fraction by which it must lower the spread on patches left out; by chance it is less than 1
-    %.
-    """
+    """Fraction by which it must lower the spread on patches left out; by chance less than 1 %."""
     visible: float = 0.003
     """Least reduction of the spread, natural logarithm: less is not visible, even side by side."""
     offset: float = 0.03
@@ -40,9 +38,7 @@ class ChoiceSettings:
     offset_left: float = 0.8
     """if at most this fraction of them remains."""
     sure: float = 2.0
-    """Frames differ if their offset exceeds this number of standard errors, from the scatter of its
-    patches.
-    """
+    """Frames differ if their offset exceeds this number of standard errors."""
     robust_error: float = 1.17
     """Relative standard error of a robust deviation of Gaussian values, times root N."""
     least_patches: int = 300
@@ -56,9 +52,9 @@ SETTINGS = ChoiceSettings()
 class ViewDifferences:
     """Differences between views of patches left out of the fit, natural logarithm.
 
-    between_views: robust standard deviation of the difference of two views.
-    between_frames: rms of the medians of pairs of frames, weighted by their observations.
-    by_chance: standard error of such a median, if all differences were independent.
+    between_views: robust standard deviation. between_frames: rms of the medians of pairs of frames,
+    weighted by their observations. by_chance: standard error of such a median, if all differences
+    were independent.
     """
 
     between_views: float
@@ -84,14 +80,11 @@ class Choice:
         """Whether there are enough patches for a comparison."""
         return self.judging >= SETTINGS.least_patches
 
-    def without_pattern(self, windows: Sequence[Window], values: Sequence[Array]) -> "Choice":
-        """Return the choice that corrects no pattern, with the gains that were solved beside it.
-
-        windows, values: as given to ``choose``.
-        """
+    def without_pattern(self, windows: Sequence[Window]) -> "Choice":
+        """The choice without its pattern, with the gains that were solved beside it."""
         solution = replace(self.solution, coefficients=np.zeros_like(self.solution.coefficients))
         use = self.use._replace(pattern=False, ranged=False)
-        after = spread_left(*_part(windows, values, held=True), solution)
+        after = spread_left([window.part(held=True) for window in windows], solution)
         return replace(self, use=use, solution=solution, after=after, error=0.0)
 
 
@@ -102,24 +95,21 @@ class Candidate(NamedTuple):
     prior: LightPrior
 
 
-def choose(
-    windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int
-) -> Choice:
+def choose(windows: Sequence[Window], candidates: Sequence[Candidate], frames: int) -> Choice:
     """Choose the candidate with the most evidence among those that lower the spread on patches left
-    out enough.
+    out enough, and are within one standard error of the least spread (Breiman et al. 1984,
+    "Classification and regression trees").
 
-    These candidates meet ChoiceSettings and are within one standard error of the least spread
-    (Breiman et al. 1984, "Classification and regression trees"). Shading, and gains of frames whose
-    differences caustics explain, also need more evidence than the same terms without them, because
-    patches left out lie under the same caustics as their neighbors in the fit.
-    values: as in ``Equations``. candidates: the first has no terms. frames: number of frames.
+    Shading, and gains of frames whose differences caustics explain, also need more evidence than
+    the same terms without them: patches left out lie under the same caustics as those of the fit.
+    candidates: the first has no terms. frames: number of frames.
     """
-    judge, judged = _part(windows, values, held=True)
+    judge = [window.part(held=True) for window in windows]
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
     @cache
     def every() -> Equations:
-        return Equations.of(windows, values, frames)
+        return Equations.of(windows, frames)
 
     @cache
     def whole(candidate: Candidate) -> Solution:
@@ -134,9 +124,9 @@ def choose(
 
     enough = judging >= SETTINGS.least_patches
     nothing, *others = candidates if enough else candidates[:1]
-    fit = Equations.of(*_part(windows, values, held=False), frames)
+    fit = Equations.of([window.part(held=False) for window in windows], frames)
     before, *spreads = [
-        spread_left(judge, judged, solve(fit, *candidate)) for candidate in (nothing, *others)
+        spread_left(judge, solve(fit, *candidate)) for candidate in (nothing, *others)
     ]
     del fit  # those of all observations take twice the memory
     frames_differ = before.between_frames > SETTINGS.sure * before.by_chance * np.sqrt(
@@ -155,25 +145,12 @@ def choose(
     return Choice(use, solution, before, after, judging, error)
 
 
-def _part(
-    windows: Sequence[Window], values: Sequence[Array], held: bool
-) -> tuple[list[Window], list[Array]]:
-    """The observations of patches that are left out of the fit, or the others."""
-    return [window.part(held) for window in windows], [
-        value[window.held == held] for window, value in zip(windows, values, strict=True)
-    ]
-
-
-def spread_left(
-    windows: Sequence[Window], values: Sequence[Array], solution: Solution
-) -> ViewDifferences:
-    """Compute the spread of differences between consecutive views of a patch, after the solution is
-    removed.
-    """
+def spread_left(windows: Sequence[Window], solution: Solution) -> ViewDifferences:
+    """The spread of differences between consecutive views of a patch, the solution removed."""
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
-    for window, value in zip(windows, values, strict=True):
-        left = value - explained(window, solution)
+    for window in windows:
+        left = window.values - explained(window, solution)
         again = np.flatnonzero(np.diff(window.patch) == 0)
         differences.append(left[again + 1] - left[again])
         pairs.append(window.frame[again] * frames + window.frame[again + 1])

@@ -4,10 +4,9 @@ image, its range and the frame.
     log I_c(u, v, z, frame) = log scene_c + log pattern_c(u, v, z) + log gain_c(frame) + log
         shading_c(u, v, frame)
 
-The pattern is vignetting times the light of lamps on the rig: smooth over the image and over range,
-the same in all frames. Its logarithm is a polynomial with mean 0 over the image at every range, so
-that the trend with range is left to the water. The shading is sunlight and shadows that move over
-the reef: a polynomial over the image, another for each frame.
+The pattern is vignetting times the light of lamps on the rig, the same in all frames: a polynomial
+with mean 0 over the image at every range, so that the trend with range is left to the water. The
+shading is sunlight and shadows that move over the reef: another polynomial for each frame.
 """
 
 from array import array
@@ -32,18 +31,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PatternShape:
-    """Degrees of the polynomial. On 20 frames of a strobe-lit reef (real), half left out, degrees 6
-    and 8 are not better.
-    """
+    """Degrees of the polynomial."""
 
     degree: int = 4
-    """Total degree over the image, enough for lamps and lenses."""
+    """Total degree over the image: 6 and 8 are not better on a strobe-lit reef (real)."""
     range_degree: int = 2
     """Degree in the logarithm of the range."""
     range_step: float = 0.2
-    """Logarithm of range that is 1 in the polynomial, so that terms have similar size at usual
-    relief.
-    """
+    """Logarithm of range that is 1 in the polynomial: terms have similar size at usual relief."""
     most: float = 1.6
     """Largest absolute logarithm of the pattern, a factor of 5; larger values are extrapolation."""
 
@@ -139,41 +134,28 @@ class Light:
     shading: Mapping[str, Array] = field(default_factory=ByFrame)
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
-        """Return the light of the frame ``name``, whose image has ``size`` (width, height)
-        pixels.
-        """
+        """The light of the frame ``name``, whose image has ``size`` (width, height)."""
         shading = shading_map(self.shading.get(name, np.zeros(3 * SHADING)), size)
         return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size), shading)
 
     def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
-        """Compute (N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,)
+        """(N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,)
         ranges.
         """
         terms = pattern_terms(pixel, self.log_range(range_m), size)
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 
     def log_range(self, range_m: NDArray[np.floating]) -> Array:
-        """Compute the variable of the polynomial: 0 at the reference range and for unknown
-        ranges.
-        """
+        """The variable of the polynomial: 0 at the reference range and for unknown ranges."""
         known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
         return np.asarray(
             np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step
         )
 
     def maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
-        """Compute (H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each
-        pixel.
-        """
-        if size not in self._maps:
-            self._maps[size] = self._computed_maps(size)
-        return self._maps[size]
-
-    @cached_property
-    def _maps(self) -> dict[tuple[int, int], NDArray[np.float32]]:
-        return {}
-
-    def _computed_maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
+        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` by pixel."""
+        if size in self._maps:
+            return self._maps[size]
         width, height = size
         x = _normalized(np.arange(width, dtype=np.float64), width)
         y = _normalized(np.arange(height, dtype=np.float64), height)
@@ -184,11 +166,16 @@ class Light:
             grid[0, 0] -= _mean(a, b) * parts[:, term].T
         powers_x, powers_y = (np.stack([at**k for k in range(SHAPE.degree + 1)]) for at in (x, y))
         rows = np.einsum("by,abck->ayck", powers_y, grid)
-        return np.asarray(np.einsum("ax,ayck->yxck", powers_x, rows), dtype=np.float32)
+        self._maps[size] = np.einsum("ax,ayck->yxck", powers_x, rows).astype(np.float32)
+        return self._maps[size]
+
+    @cached_property
+    def _maps(self) -> dict[tuple[int, int], NDArray[np.float32]]:
+        return {}
 
     @cached_property
     def fingerprint(self) -> str:
-        """Return a hash of the whole light."""
+        """A hash of the whole light."""
         gains, shading = (
             content_key_of(one for pair in of.items() for one in pair)
             for of in (self.gains, self.shading)
@@ -245,46 +232,40 @@ class FrameLight:
         self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]
     ) -> "FrameLight":
         """Convert the light to the pixels of another image; ``warp`` converts an (H, W) map."""
-        powers = range(self.maps.shape[-1])
-        maps = [
-            np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1)
-            for c in range(3)
-        ]
-        shading = np.stack(
-            [warp(np.ascontiguousarray(self.log_shading[..., c])) for c in range(3)], axis=2
-        )
-        return replace(self, maps=np.stack(maps, axis=2), log_shading=shading)
+
+        def warped(several: NDArray[np.float32]) -> NDArray[np.float32]:
+            planes = np.moveaxis(several.reshape(*several.shape[:2], -1), 2, 0)
+            maps = np.stack([warp(np.ascontiguousarray(plane)) for plane in planes], axis=2)
+            return maps.reshape(*maps.shape[:2], *several.shape[2:])
+
+        return replace(self, maps=warped(self.maps), log_shading=warped(self.log_shading))
 
 
 def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
-    """Compute the (N, TERMS) terms of the polynomial, each with mean 0 over the image."""
-    x, y = places(pixel, size).T
-    flat = np.stack([x**a * y**b - _mean(a, b) for a, b in POWERS], axis=1)
+    """(N, TERMS) terms of the polynomial, each with mean 0 over the image."""
+    flat = _flat_terms(places(pixel, size), POWERS)
     return np.concatenate(
         [flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1
     )
 
 
 def places(pixel: Array, size: tuple[int, int]) -> Array:
-    """Convert (N, 2) pixels x, y to -1..1 from edge to edge of an image of ``size`` (width,
-    height).
-    """
+    """(N, 2) pixels x, y as -1..1 from edge to edge of an image of ``size`` (width, height)."""
     return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
 
 
 def shading_terms(place: Array) -> Array:
-    """Compute (N, SHADING) terms of the shading of a frame at (N, 2) ``places``, each with mean 0
-    over the image.
-    """
-    return np.stack(
-        [place[:, 0] ** a * place[:, 1] ** b - _mean(a, b) for a, b in POWERS[:SHADING]], axis=1
-    )
+    """(N, SHADING) terms of the shading of a frame at (N, 2) ``places``, each of mean 0."""
+    return _flat_terms(place, POWERS[:SHADING])
+
+
+def _flat_terms(place: Array, powers: Sequence[tuple[int, int]]) -> Array:
+    x, y = place.T
+    return np.stack([x**a * y**b - _mean(a, b) for a, b in powers], axis=1)
 
 
 def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Compute the logarithm of the shading of a frame (H, W, 3). coefficients: of
-    ``Light.shading``.
-    """
+    """(H, W, 3) logarithm of the shading of a frame. coefficients: of ``Light.shading``."""
     width, height = size
     if not coefficients.any():
         return np.zeros((height, width, 3), np.float32)
@@ -320,12 +301,12 @@ MEAN_SQUARES = np.array(
 
 LAMPS_FADE = 1.5
 """Least power of the range, water and lamps together, at which lamps on the rig give most of the
-light: lamps alone have 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
+light: 1.5 to 2.2 on synthetic dives by night, 2.4 on a real dive with strobes.
 """
 
 
 def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
-    """Return the settings for the fit of the water: light of lamps has not traveled through water
+    """The settings for the fit of the water: light of lamps has not traveled through water
     above the reef, so its white point is that of lamps, not of daylight at a depth.
     """
     if light is None or light.fade < LAMPS_FADE:
@@ -335,20 +316,11 @@ def settings_under(config: ColorConfig, light: Light | None) -> ColorConfig:
 
 def lit_by(water: Water, light: Light | None) -> Water:
     """Add two measurements of the light to a water: the color trend, and the fall-off of lamps."""
-    return (
-        water
-        if light is None
-        else with_color_trend(_with_fall_off(water, light), light.color_trend)
-    )
-
-
-def _with_fall_off(water: Water, light: Light) -> Water:
-    """The water with the fall-off of lamps: what of it the water itself does not explain."""
-    if not light.fade:
+    if light is None:
         return water
-    near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
-    near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)
-    return replace(
-        water,
-        fall_off=float(np.clip(light.fade - (near - far) / SHAPE.range_step, 0.0, LIMITS.fall_off)),
-    )
+    if light.fade:  # what of it the water itself does not explain
+        near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
+        near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)
+        left = light.fade - (near - far) / SHAPE.range_step
+        water = replace(water, fall_off=float(np.clip(left, 0.0, LIMITS.fall_off)))
+    return with_color_trend(water, light.color_trend)

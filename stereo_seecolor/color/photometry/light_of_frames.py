@@ -4,16 +4,11 @@ the same patches.
     log I(frame, u, v) - log I(other, u', v') = gain(frame) + shading(frame; u, v) - gain(other) -
         shading(other; u', v')
 
-Pattern and trend with range have been solved before (in a long dive from a part of the frames).
-Medians over the patches in parts of the image represent the difference of two frames; the gains and
-shadings of all frames follow from these in one banded system.
-
-Two more unknowns belong to the whole dive. An error of the slopes of the pattern looks like a drift
-of gains along a line, so the slopes are solved again. The mean light of the reef is the same in
-each frame, with a large error, because the reef changes slowly along a dive: this decides between
-slope and drift, and bounds the drift of long chains. Shading is sunlight and shadows as wide as an
-image, at another place on the reef in the next frame: views cannot distinguish a shadow that stays
-in place from the color of the reef.
+Pattern and trend with range have been solved before. Medians over the patches in parts of the
+image represent the difference of two frames; all gains and shadings follow in one banded system. An
+error of the slopes of the pattern looks like a drift of gains along a line, so the slopes are
+solved again. The mean light of the reef is the same in each frame, with a large error: this
+decides between slope and drift, and bounds the drift of long chains.
 """
 
 from collections.abc import Iterable
@@ -23,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.color.photometry.light_model import SHADING, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, shading_deviations
-from stereo_seecolor.color.photometry.observations import SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 AT_ONCE = 50_000
@@ -52,18 +47,15 @@ class FramesSettings:
     """Number of patches with which a part has half of its largest weight."""
     gain: tuple[float, float] = (3.0, 0.05)
     """Prior standard deviation of the gain of a frame, luminance and color, logarithm: an exposure
-    may stay changed for the rest of a dive.
+    may stay changed.
     """
     reef: tuple[float, float] = (2.0, 0.05)
     """Standard error of the mean light of the reef in a frame, luminance and color, logarithm. On
-    synthetic dives luminance varies by 0.25 between frames; 60 neighbors count as one frame,
-    because a reef may become darker for good. Color varies by 0.05, and changes little for good:
-    with 0.1 and 0.2, drawn dives and a real one are worse.
+    synthetic dives they vary by 0.25 and 0.05; 60 neighbors count as one frame in luminance,
+    because a reef may become darker for good. For color 0.1 and 0.2 are worse.
     """
     outlier: float = 1.5
-    """Robust standard deviations beyond which a part has less than half its weight (Cauchy): a
-    wrong pose.
-    """
+    """Robust standard deviations at which a part has half its weight (Cauchy): a wrong pose."""
     floor: float = 0.005
     """Least standard deviation of a part, logarithm."""
     rounds: int = 5
@@ -93,8 +85,8 @@ PART = np.dtype(
     ]
 )
 """Part of frame i that frame j < i also shows: logarithm of i over j (luminance, color R, G, B),
-median over its patches, its position in both, and whether its patches are left out of the fit, to
-test it. 22 bytes: a dive of 100,000 frames has five million of these.
+median over its patches, its position in both, and whether its patches are left out of the fit. 22
+bytes: a dive of 100,000 frames has five million of these.
 """
 Parts = NDArray[np.void]
 """(D,) of PART, those of two frames one after the other."""
@@ -112,16 +104,12 @@ class Differences(NamedTuple):
 
     @classmethod
     def joined(cls, several: "Iterable[Differences]") -> "Differences":
-        """Join the differences, as bytes while they come in: a dive has millions."""
+        """Join the differences, as bytes: a dive has millions."""
         parts, means = bytearray(), bytearray()
         for one in several:
             parts += one.parts.tobytes()
             means += one.means.tobytes()
         return cls(np.frombuffer(parts, PART), np.frombuffer(means, MEAN))
-
-
-Chosen = tuple[bool | None, bool | None]
-"""Whether gains of luminance and of color are used; None = if they help."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,25 +134,21 @@ class _Solution(NamedTuple):
     slopes: Array
 
 
-def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Differences:
+def differences(window: Observations, light: SurveyLight, size: tuple[int, int]) -> Differences:
     """Compute differences of the first frame of a window to each other one, and its mean, with
     pattern and trend removed.
 
     size: (width, height) of the images of the observations.
     """
-    seen, good = window.seen, usable(window.seen)
-    patch, frame, pixel = seen.patch[good], seen.frame[good], seen.pixel[good]
-    left = np.log(seen.light[good]) - light.at(pixel, seen.range_m[good], size)
+    seen = window.part(usable(window))
+    left = np.log(seen.light) - light.at(seen.pixel, seen.range_m, size)
     luminance = left.mean(axis=1, keepdims=True)
-    values, at = np.concatenate([luminance, left - luminance], axis=1), places(pixel, size)
+    values, at = np.concatenate([luminance, left - luminance], axis=1), places(seen.pixel, size)
     along = SETTINGS.parts if light.luminance.use.shading else 1
-    first, found = np.flatnonzero(frame == 0), []
+    first, found = np.flatnonzero(seen.frame == 0), []
     for other in range(1, len(window.frames)):
-        there = np.flatnonzero(frame == other)
-        common, a, b = np.intersect1d(
-            patch[first], patch[there], assume_unique=True, return_indices=True
-        )
-        a, b, held = first[a], there[b], (common // 2) % 2 == 1
+        a, b = seen.of_both(0, other)
+        held = (seen.patch[a] // 2) % 2 == 1
         if min(held.sum(), (~held).sum()) < SETTINGS.least_patches:
             continue
         cell = np.clip(((at[a] + 1) / 2 * along).astype(int), 0, along - 1) @ (2, 2 * along) + held
@@ -184,14 +168,14 @@ def solve_frames(
     known: Array,
     shading: tuple[bool, bool],
     errors: tuple[float, float] = (0.0, 0.0),
-    chosen: Chosen = (None, None),
+    chosen: tuple[bool | None, bool | None] = (None, None),
 ) -> LightOfFrames:
     """Solve gains and shading of all frames. They are not used where they enlarge the differences
     of patches left out.
 
     known: (F,) logarithms of gains, the prior mean; a frame without overlap gets its own. shading:
     whether luminance and color have shading. errors: standard errors of the pattern of luminance
-    and color.
+    and color. chosen: whether gains of luminance and of color are used; None = if they help.
     """
     parts = differing.parts
     measured = np.zeros(len(known), np.bool_)
@@ -214,7 +198,7 @@ def solve_frames(
 
 
 def offset_between(parts: Parts, known: Array) -> float:
-    """Compute the rms of luminance between frames on patches left out, with (F,) known gains
+    """The rms of luminance between frames on patches left out, with (F,) known gains
     subtracted.
     """
     found = _Solution(known[None, :, None], np.zeros((1, 2)))

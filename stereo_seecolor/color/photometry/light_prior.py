@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.lamp_prior import lamp_ensemble
-from stereo_seecolor.color.photometry.lens_prior import LENS_PRIOR_SETTINGS, lens_ensemble
+from stereo_seecolor.color.photometry.lamp_prior import CORNER, SIZE, lamp_ensemble, unexplained
 from stereo_seecolor.color.photometry.light_model import (
     PATTERN,
     POWERS,
@@ -22,50 +21,44 @@ Array = NDArray[np.float64]
 class Deviations:
     """Prior standard deviations of logarithms with mean 0.
 
-    A slope of the pattern along the track looks like a drift of gains. The prior of gains is so
-    narrow that the pattern explains both.
+    coefficient: of the pattern, of degree 1. ranged: of its change over a fifth of the range.
+    trend: with range, for one a fifth longer. gain: of a frame; narrow, so that the pattern
+    explains a slope along the track, which looks like a drift of gains. shading: its change from
+    the middle of the image to the edge. systematic: of the model itself (lamps are not a
+    polynomial): the least error of observations. mean_reef: factor on the standard error of the
+    mean of the reef, whose brightness varies more than parts of the image show: with 1, 3.0 % of
+    the pattern of nine synthetic dives remain, with 2 2.1 %.
     """
 
     coefficient: float
-    """Standard deviation of a coefficient of the pattern of degree 1."""
     ranged: float
-    """Standard deviation of the change of such a coefficient over a fifth of the range."""
     trend: float
-    """Standard deviation of the trend with range, for a range that is a fifth longer."""
     gain: float
-    """Standard deviation of a frame's gain."""
     shading: float
-    """Standard deviation of the change of shading from the middle of the image to its edge."""
     systematic: float
-    """Error of the model itself (the light of lamps is not a polynomial): a lower limit of the
-    error of observations relative to the priors.
-    """
     mean_reef: float
-    """Factor on the standard error of the mean of the reef, which is the same in each part of the
-    image and in each frame. Brightness of the reef varies more than parts of the image show: with
-    1, 3.0 % of the pattern of nine synthetic dives remain, with 2 2.1 %, without the mean reef 2.2
-    %.
-    """
 
 
 LUMINANCE = Deviations(
     coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05, mean_reef=2.0
 )
 """Corners with half the light and the fall-off of lamps are common; strobes and exposures vary by a
-fifth of a stop. Without ``systematic``, gains explained half of the fall-off of lamps, on a
-synthetic night dive whose views agree within 1 %.
+fifth of a stop. Without ``systematic``, gains explained half of the fall-off of lamps by night.
 """
+LENS = replace(LUMINANCE, gain=0.5)
+"""In sunlight clouds, sun and automatic exposure change a frame by a stop and more."""
+LENS_REST = 0.03
+"""Standard deviation of a coefficient that is not radial: ports are mounted nearly centered."""
 COLOR = Deviations(
     coefficient=0.2, ranged=0.05, trend=0.2, gain=0.06, shading=0.05, systematic=0.0, mean_reef=1.0
 )
-"""Lamps and lens change color less than brightness. Gains of a frame include its white balance;
-with 0.03 and 0.1, two separately solved halves of a real dive differ by 3 and 4 % in their common
-frame.
+"""Lamps and lens change color less than brightness. Gains include white balance: with 0.03 and 0.1,
+two halves of a real dive differ by 3 and 4 % in their common frame.
 """
 
 
 def shading_deviations(about: Deviations) -> tuple[float, ...]:
-    """Compute (SHADING,) standard deviations of the coefficients of the shading of a frame."""
+    """(SHADING,) standard deviations of the coefficients of the shading of a frame."""
     return tuple(about.shading / (a + b) for a, b in POWERS[:SHADING])
 
 
@@ -77,7 +70,7 @@ class Gaussian:
     precision: Array
 
     def misfit(self, unknowns: Array, squares: float, matrix: Array) -> float:
-        """Compute twice the negative log evidence for this prior, up to a constant (MacKay 1992).
+        """Twice the negative log evidence for this prior, up to a constant (MacKay 1992).
 
         unknowns: (n, Q) at the least sum of ``squares``, in variances. matrix: (n, n) its normal
         equations.
@@ -121,21 +114,28 @@ class LightPrior:
 
     @classmethod
     def lamps(cls, reference_m: float, alike: "Alike") -> "LightPrior":
-        """Make the prior of luminance under lamps on the rig, with or without daylight, about
-        ``reference_m``.
-        """
+        """Make the prior of luminance under lamps, with or without daylight, about a range."""
         return cls(*lamp_ensemble(reference_m), LUMINANCE, alike)
 
     @classmethod
     def lens(cls, alike: "Alike") -> "LightPrior":
-        """Make the prior of luminance in sunlight, whose strength and exposure change from frame to
-        frame.
+        """Make the prior of luminance in sunlight: vignetting, which darkens the corners
+        symmetrically about the axis.
+
+        If survey lines overlap only at their borders, a change of light along the dive looks like a
+        slope of the pattern across the track. A lens has no slopes: without evidence for lamps, the
+        light explains such a change. The mean pattern is 0, so that one that the dive does not
+        determine is uniform.
         """
-        about = replace(LUMINANCE, gain=LENS_PRIOR_SETTINGS.gain)
-        return cls(*lens_ensemble(about.trend), about, alike)
+        radial, squares = np.zeros(TERMS + 1), np.square(SIZE)
+        radial[[POWERS.index((2, 0)), POWERS.index((0, 2))]] = squares / squares.sum()
+        corner = np.log(np.linspace(*CORNER, 101))
+        covariance = (corner**2).mean() * np.outer(radial, radial)
+        covariance += unexplained(LENS_REST, LENS.trend)
+        return cls(np.zeros(TERMS + 1), covariance, LENS, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
-        """Return the prior of the terms in use (``columns``), and of gain and shading of frames.
+        """The prior of the terms in use (``columns``), and of gain and shading of frames.
 
         of_frame: number of unknowns of a frame: none, gain, or gain and shading.
         """

@@ -4,11 +4,10 @@ windows of neighboring frames.
     log light of observation k = scene(patch_k) + terms_k coefficients + trend(range_k) +
         log_gain(frame_k)
 
-The brightness of a patch is unknown and eliminated within its window, so that each window adds
-normal equations. The trend with range contains the water and the fall-off of lamps; it is fitted
-together with the other terms and stays in the images. Luminance (the mean logarithm of R, G, B) and
-color (the rest) are solved separately, because moving shadows and caustics change luminance and
-hardly color.
+The brightness of a patch is eliminated within its window, so that each window adds normal
+equations. The trend with range contains the water and the fall-off of lamps, and stays in the
+images. Luminance (the mean logarithm of R, G, B) and color (the rest) are solved separately,
+because moving shadows and caustics hardly change color.
 """
 
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.color.photometry.light_model import (
     MEAN_SQUARES,
     PATTERN,
@@ -28,7 +28,6 @@ from stereo_seecolor.color.photometry.light_model import (
 )
 from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
 from stereo_seecolor.color.photometry.observations import Observations
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -40,15 +39,11 @@ class SolverSettings:
     rounds: int = 5
     """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
-    """Robust standard deviations beyond which an observation has less than half its weight
-    (Cauchy): fish.
-    """
+    """Robust standard deviations at which an observation has half its weight (Cauchy): fish."""
     first_prior: float = 1e-3
     """Precision of all unknowns in the first round, so that the system is solvable."""
     least_scale: float = 1e-4
-    """Least robust deviation of residuals, logarithm: without it, all observations without noise
-    would be outliers.
-    """
+    """Least robust deviation of residuals, logarithm, for observations without noise."""
 
 
 SETTINGS = SolverSettings()
@@ -76,24 +71,34 @@ class LightTerms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1),
-    log_light (N, 3). held (N,): True for observations of patches that are left out of the fit, to
-    test it.
+    """patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1). values
+    (N, Q): logarithms to explain. held (N,): True for observations of patches that are left out of
+    the fit, to test it.
     """
 
     patch: NDArray[np.int64]
     frame: NDArray[np.int64]
     terms: NDArray[np.float32]
     trend: NDArray[np.float32]
-    log_light: Array
+    values: Array
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
-        """Return only the observations that are left out of the fit, or only the others."""
+        """The observations that are left out of the fit, or the others."""
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
-        parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
-        return Window(patch, *(values[chosen] for values in parts))
+        parts = (self.frame, self.terms, self.trend, self.values, self.held)
+        return Window(patch, *(own[chosen] for own in parts))
+
+    @property
+    def luminance(self) -> "Window":
+        """The window of the mean of the values."""
+        return replace(self, values=self.values.mean(axis=1, keepdims=True))
+
+    @property
+    def color(self) -> "Window":
+        """The window of the values less their mean."""
+        return replace(self, values=self.values - self.luminance.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,34 +124,34 @@ class Solution:
 
 def window_of(
     seen: Observations,
-    frames: NDArray[np.int64],
     usable: NDArray[np.bool_],
     light: Light,
     size: tuple[int, int],
 ) -> Window:
-    """Make the window of the usable (N,) observations of patches that two frames or more show.
+    """Make the window of the logarithms of the usable (N,) observations of patches that two frames
+    or more show.
 
-    frames: number in the dive of each frame of the observations. light: defines the ranges of the
-    polynomial. size: (width, height) of the image.
+    light: defines the ranges of the polynomial. size: (width, height) of the image.
     """
     patch = seen.patch[usable]
     kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1]
-    patch = np.unique(seen.patch[kept], return_inverse=True)[1]
-    log_range = light.log_range(seen.range_m[kept])
-    terms = pattern_terms(seen.pixel[kept], log_range, size).astype(np.float32)
+    seen = seen.part(kept)
+    patch = np.unique(seen.patch, return_inverse=True)[1]
+    log_range = light.log_range(seen.range_m)
+    terms = pattern_terms(seen.pixel, log_range, size).astype(np.float32)
     trend = log_range[:, None].astype(np.float32)
     held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
-    return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
+    return Window(patch, seen.frames[seen.frame], terms, trend, np.log(seen.light), held)
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of windows with all terms: each set of terms uses some of their columns.
+    """The equations of windows with all terms, of which a fit uses some columns.
 
-    parts: of each window. frames: number of frames in all. products: of values and columns, with
-    equal weights: Q outputs, COLUMNS that all frames share, OWN of each frame. means: the same of
-    the means of patches, with powers of their range first. variance: of the mean light of a patch,
-    times the number of patches that count as one.
+    parts: of each window. frames: their number. products: of values and columns, equally weighted:
+    Q outputs, COLUMNS that all frames share, OWN of each frame. means: the same of the means of
+    patches, with powers of their range first. variance: of the mean light of a patch, times the
+    number of patches that count as one.
     """
 
     parts: "Sequence[_WindowSums]"
@@ -156,10 +161,10 @@ class Equations:
     variance: float
 
     @classmethod
-    def of(cls, windows: Sequence[Window], values: Sequence[Array], frames: int) -> "Equations":
-        """Make the equations. values: of each window, (N, Q) logarithms to explain."""
-        parts = [_WindowSums.of(*both) for both in zip(windows, values, strict=True)]
-        outputs, powers = values[0].shape[1], np.arange(REEF.range_degree + 1)
+    def of(cls, windows: Sequence[Window], frames: int) -> "Equations":
+        """Make the equations of the values of windows."""
+        parts = [_WindowSums.of(window) for window in windows]
+        outputs, powers = windows[0].values.shape[1], np.arange(REEF.range_degree + 1)
         size = outputs + COLUMNS + frames * OWN
         means, lights, cells = np.zeros((len(powers) + size,) * 2), [], []
         for window, part in zip(windows, parts, strict=True):
@@ -194,19 +199,17 @@ def solve(equations: Equations, use: LightTerms, prior: LightPrior) -> Solution:
     reef = MeanReef.of(equations, chosen, prior)
     products = equations.products[np.ix_(chosen, chosen)]
     found, matrix, squares, variance = _robust_fit(parts, products, known, reef, prior)
-    number = int(columns.sum())
-    coefficients = np.zeros((COLUMNS, outputs))
-    coefficients[columns] = found[:number]
-    own = np.zeros((frames, OWN, outputs))
-    own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
+    number, unknowns = int(columns.sum()), np.zeros((COLUMNS + frames * OWN, outputs))
+    unknowns[chosen[outputs:] - outputs] = found
+    own = unknowns[COLUMNS:].reshape(frames, OWN, outputs)
     independent = sum(part.seen.sum() - part.seen.shape[1] for part in parts) / prior.alike.views
     squares = outputs * (squares / variance + independent * np.log(variance))
     squares += reef.squares_left(found)
     evidence = matrix / variance + reef.precision
     covariance = np.linalg.inv(evidence + known.precision)
     return Solution(
-        coefficients=coefficients[:TERMS],
-        trend=coefficients[TERMS:],
+        coefficients=unknowns[:TERMS],
+        trend=unknowns[TERMS:COLUMNS],
         gains=own[:, 0] - own[:, 0].mean(axis=0),
         shading=own[:, 1:],
         trend_error=float(np.sqrt(covariance[number - 1, number - 1])),
@@ -224,11 +227,11 @@ def _robust_fit(
     reef: "MeanReef",
     prior: LightPrior,
 ) -> tuple[Array, Array, float, float]:
-    """Solve in rounds, each with Cauchy weights from the residuals of the one before.
+    """Solve in rounds, each with Cauchy weights from the residuals of the one before. products: of
+    the first round, equally weighted.
 
-    products: with the equal weights of the first round.
-    Returns the unknowns (n, Q), their normal equations (n, n) without the prior, the weighted sum
-    of squares, and the variance of an observation times the number that count as one.
+    Returns unknowns (n, Q), normal equations (n, n) without the prior, weighted sum of squares, and
+    the variance of an observation times the number that count as one.
     """
     weights = [part.seen for part in parts]
     variance, outputs = SETTINGS.first_prior, len(products) - len(known.mean)
@@ -262,11 +265,8 @@ def _products(parts: "Sequence[_WindowSums]", weights: Sequence[Array], size: in
 @dataclass(frozen=True, eq=False)
 class MeanReef:
     """The mean light of the reef: over many patches it is the same in each part of the image and in
-    each frame, at equal range.
-
-    Views of one patch show neither a slope across a straight track nor a drift of gains along it.
-    The light of the patches has the same mean everywhere, with an error that follows from the
-    number of independent patches.
+    each frame, at equal range, with an error by the number of independent patches. Views of one
+    patch show neither a slope across a straight track nor a drift of gains along it.
 
     precision (n, n), right (n, Q): normal equations, as of a prior. squares (Q,): of the light of
     the patches, in variances.
@@ -290,7 +290,7 @@ class MeanReef:
         return cls(rest[outputs:, outputs:], rest[outputs:, :outputs], np.diag(rest)[:outputs])
 
     def squares_left(self, unknowns: Array) -> float:
-        """Compute the remaining sum of squares with the (n, Q) unknowns, in variances."""
+        """The sum of squares that the (n, Q) unknowns leave, in variances."""
         explained = 2 * self.right - self.precision @ unknowns
         return float(self.squares.sum() - (unknowns * explained).sum())
 
@@ -304,8 +304,7 @@ class ReefSettings:
     nearer than sand.
     """
     cells: int = 3
-    """Parts of the image, each way, whose means determine the number of patches that count as one.
-    """
+    """Parts of the image, each way, whose means tell how many patches count as one."""
     least_variance: float = 1e-4
     """Least variance of a patch times the number of patches that count as one."""
 
@@ -322,8 +321,8 @@ def _cells(terms: NDArray[np.float32]) -> NDArray[np.int64]:
 def _variance_of_mean(
     lights: Sequence[Array], cells: Sequence[NDArray[np.int64]], nuisance: int
 ) -> float:
-    """Variance of a patch's light times the number of patches that are alike: that of the mean of n
-    patches is this by n. Measured from the means of parts of pictures.
+    """Variance of a patch's light times the number of patches that are alike, from the means of
+    parts of pictures.
     """
     every = np.concatenate(lights)
     fitted = np.linalg.lstsq(every[:, :nuisance], every[:, nuisance:], rcond=None)[0]
@@ -338,10 +337,8 @@ def _variance_of_mean(
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
-    """Compute the standard error of the pattern at the reference range, logarithm, rms over the
-    image.
-
-    others: solutions that fit about equally well, and this one, weighted by their evidence.
+    """Standard error of the pattern at the reference range, logarithm, rms over the image. others:
+    solutions that fit about equally well, and this one, weighted by their evidence.
     """
     weights = np.exp(
         0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others]))
@@ -355,7 +352,7 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _WindowSums:
-    """The equations of a window of F frames, each of which sees most of the P patches.
+    """The equations of a window of F frames and P patches.
 
     seen (F, P): 1 where a frame sees a patch, else 0, as everything else is there. both
     (F, P, Q + C): the values, and the columns of unknowns that all frames share. own (F, P, K): the
@@ -368,11 +365,11 @@ class _WindowSums:
     frames: NDArray[np.int64]
 
     @classmethod
-    def of(cls, window: Window, value: Array) -> "_WindowSums":
-        """The equations of a window, with all terms. value: (N, Q)."""
+    def of(cls, window: Window) -> "_WindowSums":
+        """The equations of a window, with all terms."""
         frames, index = np.unique(window.frame, return_inverse=True)
-        columns = [np.ones_like(value[:, :1]), window.terms[:, :SHADING], value, window.terms]
-        rows = np.concatenate([*columns, window.trend], axis=1)
+        columns = [window.terms[:, :SHADING], window.values, window.terms, window.trend]
+        rows = np.concatenate([np.ones((len(index), 1)), *columns], axis=1)
         grid = np.zeros((len(frames), window.patch.max(initial=-1) + 1, rows.shape[1]))
         grid[index, window.patch] = rows
         both, own = grid[..., OWN:].copy(), grid[..., :OWN].copy()
@@ -428,9 +425,7 @@ class _WindowSums:
 
 
 def explained(window: Window, solution: Solution) -> Array:
-    """Compute the (N, Q) values of a window from a solution, up to the brightness of its
-    patches.
-    """
+    """(N, Q) values of a window by a solution, up to the brightness of its patches."""
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
     part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
     return np.asarray(part + window.trend @ solution.trend)

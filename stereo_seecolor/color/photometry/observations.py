@@ -1,8 +1,9 @@
 """The same patches of the reef in several frames, from ranges and poses."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
+from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Image, Map
 
 Vector = NDArray[np.float64]
@@ -17,14 +19,10 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """Size and number of patches, and conditions for an observation; tested on the sample dive."""
+    """Size of patches, and conditions for an observation; tested on the sample dive."""
 
     patch_m: float = 0.05
     """Width of a patch on the reef, the same at any range."""
-    most_patches: int = 20_000
-    """Largest number of patches of all frames together, which limits memory and time."""
-    most_patches_a_frame: int = 1600
-    """Largest number of patches of a frame: a grid of about 40 by 40."""
     same_range: float = 0.02
     """Ranges of the same patch agree to this fraction, which is more than the error of a range."""
     most_relief: float = 0.06
@@ -55,8 +53,9 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """patch: (N,) int64, 0..P-1, ascending, each at least twice. frame: (N,) int64. range_m: (N,)
-    m. light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its center.
+    """patch: (N,) int64, 0..P-1, ascending, each at least twice. frame: (N,) int64, 0..F-1.
+    range_m: (N,) m. light: (N, 3) linear, mean over the patch. pixel: (N, 2) x, y of its center.
+    frames: (F,) number in the dive of each frame.
     """
 
     patch: NDArray[np.int64]
@@ -64,50 +63,36 @@ class Observations:
     range_m: Vector
     light: Vector
     pixel: Vector
-
-
-@dataclass(frozen=True, eq=False)
-class SeenWindow:
-    """frames: number in the dive of each frame of the observations. seen: the observations."""
-
     frames: NDArray[np.int64]
-    seen: Observations
+
+    def part(self, chosen: NDArray[Any]) -> "Observations":
+        """Some observations, by number or mask; patches keep their numbers."""
+        parts = {name: part[chosen] for name, part in vars(self).items() if name != "frames"}
+        return replace(self, **parts)
+
+    def of_both(self, one: int, other: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers of the observations of the patches that two frames show, in each of them."""
+        first, there = (np.flatnonzero(self.frame == number) for number in (one, other))
+        _, a, b = np.intersect1d(
+            self.patch[first], self.patch[there], assume_unique=True, return_indices=True
+        )
+        return first[a], there[b]
 
 
-def find_observations(
-    frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
+def observations_of(
+    points_m: Vector, views: "Iterable[PhotometricView]", frames: Sequence[int]
 ) -> Observations:
-    """Find observations of patches that several frames show; frames are read twice, one at a
-    time.
+    """Find observations of (P, 3) patches in the views of these frames; each patch has at least
+    two.
     """
-    number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
-    points_m = np.concatenate(
-        [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]
-    )
-    return observations_of(
-        points_m, (PhotometricView.of(frame, geometry, encoding) for frame in frames)
-    )
-
-
-def observations_of(points_m: Vector, views: "Iterable[PhotometricView]") -> Observations:
-    """Find observations of (P, 3) patches in these views, numbered in order; each patch has at
-    least two.
-    """
-    patches, numbers, ranges, lights, pixels = [], [], [], [], []
-    for index, view in enumerate(views):
-        patch, range_m, light, pixel = view.look_at(points_m)
-        patches.append(patch)
-        numbers.append(np.full(patch.size, index))
-        ranges.append(range_m)
-        lights.append(light)
-        pixels.append(pixel)
-    patch, seen_by, range_m, light, pixel = (
-        np.concatenate(parts) for parts in (patches, numbers, ranges, lights, pixels)
-    )
+    seen = [view.look_at(points_m) for view in views]
+    patch, range_m, light, pixel = map(np.concatenate, zip(*seen, strict=True))
+    seen_by = np.repeat(np.arange(len(seen)), [len(patches) for patches, *_ in seen])
     several = np.bincount(patch, minlength=len(points_m))[patch] > 1
     order = np.flatnonzero(several)[np.argsort(patch[several], kind="stable")]
     compact = np.unique(patch[order], return_inverse=True)[1]
-    return Observations(compact, seen_by[order], range_m[order], light[order], pixel[order])
+    every = Observations(patch, seen_by, range_m, light, pixel, np.array(frames))
+    return replace(every.part(order), patch=compact)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,23 +127,20 @@ class PhotometricView:
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
         grid[step // 2 :: step, step // 2 :: step] = True
-        points = self.geometry.points_from_range(self.smooth_range_m)[
-            grid & np.isfinite(self.smooth_range_m)
-        ].astype(np.float64)
-        return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
+        known = grid & np.isfinite(self.smooth_range_m)
+        points = self.geometry.points_from_range(self.smooth_range_m)[known].astype(np.float64)
+        return transform_points(self.T_world_camera, points)
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
         """Return numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the visible
         patches.
         """
-        farthest_m = (
-            float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
-        )
+        farthest_m = float(np.fmax.reduce(self.smooth_range_m, axis=None, initial=0.0))
+        away_m = points_m - self.T_world_camera[:3, 3]
         near = np.flatnonzero(
-            np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1)
-            < (1 + SETTINGS.same_range) * farthest_m
+            np.linalg.norm(away_m, axis=1) < (1 + SETTINGS.same_range) * farthest_m
         )
-        local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
+        local = away_m[near] @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px

@@ -38,7 +38,7 @@ SETTINGS = RecordSettings()
 
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
-    """Compute (F,) logarithms of recorded exposures, of mean 0; 0 = number missing."""
+    """(F,) logarithms of recorded exposures, of mean 0; 0 = number missing."""
     values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
     fields = np.fromiter(
         (np.nan if value is None else value for value in values), np.float64
@@ -56,7 +56,7 @@ def is_informative(recorded: Array) -> bool:
 
 
 def offsets_about(parts: Parts, recorded: Array) -> tuple[float, float]:
-    """Compute the rms of luminance between frames, without and with the (F,) records subtracted."""
+    """The rms of luminance between frames, without and with the (F,) records subtracted."""
     return offset_between(parts, np.zeros_like(recorded)), offset_between(parts, recorded)
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
 from operator import add
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,9 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.jackknife import MOST, with_errors_of_blocks
 from stereo_seecolor.color.fitting.robust import ENOUGH, quality
-from stereo_seecolor.color.photometry.exposure import Brightness
 from stereo_seecolor.color.photometry.survey import (
     BLACK,
     CountedFrames,
-    ExposureClass,
     FitTable,
     Fitter,
     FrameBrightness,
@@ -43,12 +40,10 @@ class SegmentSettings:
     """Limits for joining. Costs: of ``robust.quality``, means over the smaller segment."""
 
     most_chunks: int = 64
-    """Largest number of chunks; with more, neighbors are joined. It limits memory; the position of
-    a cut is known to a 32nd.
-    """
+    """With more, neighbors are joined, to limit memory; a cut is known to a 32nd."""
     worse: float = 25.0
-    """Largest cost that a shared water adds. Parts of one dive add up to 6 (the sample dive, a real
-    reef); groups of four frames of these two sites mostly 32, at least 5.
+    """Largest cost that a shared water adds. Parts of one dive add up to 6; groups of four frames
+    of two sites mostly 32, at least 5.
     """
     bad: float = 50.0
     """Cost under a shared water above which frames do not share it, for any cost of their own
@@ -63,32 +58,22 @@ SETTINGS = SegmentSettings()
 
 @dataclass(frozen=True, eq=False)
 class _Chunk:
-    """frames: numbers. linked: it shows spots of the chunk before it. packed: tables and brightness
-    by class, compressed, because 64 of them would not fit into memory.
+    """frames: numbers. linked: it shows spots of the chunk before it. packed: tables by class of
+    brightness, because 64 of them would not fit into memory.
     """
 
     frames: range
     linked: bool
-    packed: dict[int, tuple[bytes, Brightness]]
+    packed: dict[int, bytes]
 
     @classmethod
-    def of(cls, frames: range, linked: bool, classes: Mapping[int, ExposureClass]) -> "_Chunk":
+    def of(cls, frames: range, linked: bool, classes: Mapping[int, MomentTable]) -> "_Chunk":
         """The chunk of these tables."""
-        packed = {kind: (one.table.packed(), one.brightness) for kind, one in classes.items()}
-        return cls(frames, linked, packed)
-
-    @property
-    def classes(self) -> dict[int, ExposureClass]:
-        """The tables by class of brightness."""
-        return {
-            kind: ExposureClass(MomentTable.unpacked(table), brightness)
-            for kind, (table, brightness) in self.packed.items()
-        }
+        return cls(frames, linked, {kind: table.packed() for kind, table in classes.items()})
 
     def __add__(self, other: "_Chunk") -> "_Chunk":
-        classes = self.classes
-        add_to(classes, other.classes)
-        return _Chunk.of(range(self.frames.start, other.frames.stop), self.linked, classes)
+        frames = range(self.frames.start, other.frames.stop)
+        return _Chunk.of(frames, self.linked, _classes([self, other]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,27 +87,24 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Assigns each frame the water of its segment. linked: names of frames that show the same spots
-    as the frame before them; the dive is not cut between these.
+    """Assigns each frame the water of its segment. linked: names of frames that show spots of the
+    frame before; the dive is not cut between these.
     """
+
+    joins = True
 
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
         self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
         self._frames = FrameBrightness()
         # the chunk that grows
-        self._open, self._open_linked, self._classes = range(0), False, dict[int, ExposureClass]()
+        self._open, self._open_linked, self._classes = range(0), False, dict[int, MomentTable]()
         self._chunk_frames = 1
         self._segments: list[range] = []
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame."""
         self.join(CountedFrames.of([(name, table)], self._config))
-
-    @property
-    def joins(self) -> bool:
-        """True: ``join`` may always be called."""
-        return True
 
     def join(self, several: CountedFrames) -> None:
         """Add several frames; the dive is not cut between them."""
@@ -143,9 +125,7 @@ class AutoFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of the segment of each frame; a frame without ranges gets that of the
-        frame before.
-        """
+        """The water of the segment of each frame; without ranges, of the frame before."""
         chunks = [*self._chunks]
         if self._open:
             chunks.append(_Chunk.of(self._open, self._open_linked, self._classes))
@@ -167,17 +147,14 @@ class AutoFitter(Fitter):
 
     @property
     def segments(self) -> list[list[str]]:
-        """Return the names of the frames of each segment, after ``waters``."""
+        """The names of the frames of each segment, after ``waters``."""
         return [self._frames.names[frames.start : frames.stop] for frames in self._segments]
 
     def notes(self) -> tuple[str, ...]:
-        """Return where the dive was cut into segments; empty if all frames share one water."""
+        """Where the dive was cut into segments; empty if all frames share one water."""
         if len(self._segments) < 2:
             return ()
-        ends = [
-            (self._frames.names[frames[0]], self._frames.names[frames[-1]])
-            for frames in self._segments
-        ]
+        ends = [(names[0], names[-1]) for names in self.segments]
         named = [f"{first} to {last}" if first != last else first for first, last in ends]
         return (
             f"the frames do not share one water: {len(named)} waters were fitted, one each for "
@@ -191,11 +168,11 @@ def _linked(chunks: Sequence[_Chunk]) -> list[Sequence[_Chunk]]:
     return [chunks[a:b] for a, b in pairwise([*cuts, len(chunks)])]
 
 
-def _classes(chunks: Sequence[_Chunk]) -> dict[int, ExposureClass]:
+def _classes(chunks: Sequence[_Chunk]) -> dict[int, MomentTable]:
     """The tables of several chunks by class of brightness."""
-    classes: dict[int, ExposureClass] = {}
+    classes: dict[int, MomentTable] = {}
     for chunk in chunks:
-        add_to(classes, chunk.classes)
+        add_to(classes, {kind: MomentTable.unpacked(one) for kind, one in chunk.packed.items()})
     return classes
 
 
@@ -203,102 +180,78 @@ def _blocks(chunks: Sequence[_Chunk], usual: int) -> Iterator[MomentTable]:
     """The sums of some chunks after the other, of frames of usual exposure as a fit takes them."""
     for part in np.array_split(np.arange(len(chunks)), min(len(chunks), MOST)):
         classes = _classes(chunks[part[0] : part[-1] + 1])
-        tables = [of.table for kind, of in classes.items() if abs(kind - usual) <= 1]
+        tables = [table for kind, table in classes.items() if abs(kind - usual) <= 1]
         if tables:
             yield reduce(add, tables)
 
 
 def _evidence(
-    parts: Sequence[Mapping[int, ExposureClass]], config: ColorConfig
-) -> list[_Evidence | None]:
-    """The data of each part; None for one without light or a known range."""
-    lit = [{kind: of for kind, of in part.items() if kind != BLACK} for part in parts]
-    tables = [usual_exposure(classes)[1].table if classes else None for classes in lit]
-    known = [
-        (i, table, quantiles_by_range(table, config.encoding))
-        for i, table in enumerate(tables)
-        if table is not None
-    ]
-    found: list[_Evidence | None] = [None] * len(parts)
-    if known:
-        several = [seen for _, _, seen in known]
-        waters, _ = robust.fit_all(several, config, enough=ENOUGH)
-        # not the costs of these fits, which contain how likely the water is
-        costs = quality(several, config.robust, waters)
-        for (i, table, seen), water, own in zip(known, waters, costs, strict=True):
-            found[i] = _Evidence(table, seen, water, float(own))
-    return found
+    parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig
+) -> dict[int, _Evidence]:
+    """The data of the parts with light and a known range, by number."""
+    tables = {
+        i: usual_exposure(part)[1] for i, part in enumerate(parts) if any(set(part) - {BLACK})
+    }
+    if not tables:
+        return {}
+    several = [quantiles_by_range(table, config.encoding) for table in tables.values()]
+    waters, _ = robust.fit_all(several, config, enough=ENOUGH)
+    # not the costs of these fits, which contain how likely the water is
+    costs = quality(several, config.robust, waters).tolist()
+    made = map(_Evidence, tables.values(), several, waters, costs)
+    return dict(zip(tables, made, strict=True))
 
 
-def _parts(parts: Sequence[Mapping[int, ExposureClass]], config: ColorConfig) -> list[range]:
+def _parts(parts: Sequence[Mapping[int, MomentTable]], config: ColorConfig) -> list[range]:
     """Segments of chunks that share one water; chunks without evidence go with those before."""
     if len(parts) < 2:
         return [range(len(parts))] * len(parts)
     chunks = _evidence(parts, config)
-    known = [i for i, chunk in enumerate(chunks) if chunk is not None]
-    alone = [
-        _Segment((chunk,), chunk.table, chunk.water, np.zeros(1))
-        for chunk in chunks
-        if chunk is not None
-    ]
-    segments = _joined(alone, config)
-    sizes = np.cumsum([len(segment.chunks) for segment in segments[:-1]], dtype=int)
-    edges = [0, *(known[cut] for cut in sizes), len(chunks)]
+    alone = [_Segment((one,), one.table, one.water, np.zeros(1)) for one in chunks.values()]
+    sizes = [len(segment.chunks) for segment in _joined(alone, config)]
+    known = list(chunks)
+    edges = [0, *(known[cut] for cut in np.cumsum(sizes[:-1], dtype=int)), len(parts)]
     return [range(a, b) for a, b in pairwise(edges)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """table, water: of all chunks. costs (N,): of each under it, less that under its own water."""
+    """table, water: of all chunks. costs (N,): of each under it, less that under its own water.
+    strain: the cost that joining its two parts added, as a fraction of the limit.
+    """
 
     chunks: tuple[_Evidence, ...]
     table: MomentTable
     water: Water
     costs: NDArray[np.float64]
+    strain: float = 0.0
 
 
-def _segments(
-    parts: Sequence[tuple[tuple[_Evidence, ...], MomentTable, Water]], config: ColorConfig
-) -> list[_Segment]:
-    """Segments of given chunks, their tables and waters; costs are found together."""
-    under = [(chunk, water) for chunks, _, water in parts for chunk in chunks]
-    costs = quality(
-        [chunk.seen for chunk, _ in under], config.robust, [water for _, water in under]
-    )
-    added = np.split(
-        costs - [chunk.own for chunk, _ in under],
-        np.cumsum([len(chunks) for chunks, _, _ in parts])[:-1],
-    )
-    return [_Segment(*part, cost) for part, cost in zip(parts, added, strict=True)]
-
-
-class _Join(NamedTuple):
-    """Two segments joined. strain: the cost that joining adds, as a fraction of the limit."""
-
-    segment: _Segment
-    strain: float
-
-
-def _joins(pairs: Sequence[tuple[_Segment, _Segment]], config: ColorConfig) -> list[_Join]:
-    """Each pair of a segment and the next one joined, and the cost of joining."""
+def _joins(pairs: Sequence[tuple[_Segment, _Segment]], config: ColorConfig) -> list[_Segment]:
+    """Each pair of a segment and the next one joined; waters and costs are found together."""
     if not pairs:
         return []
     larger = [max(pair, key=lambda segment: len(segment.chunks)).water for pair in pairs]
     tables = [a.table + b.table for a, b in pairs]
     seen = [quantiles_by_range(table, config.encoding) for table in tables]
     waters, _ = robust.fit_all(seen, config, larger, ENOUGH)
-    chunks = [a.chunks + b.chunks for a, b in pairs]
-    joined = _segments(list(zip(chunks, tables, waters, strict=True)), config)
-    return [_Join(both, _strain(both, *pair)) for both, pair in zip(joined, pairs, strict=True)]
+    chunks = [(*a.chunks, *b.chunks) for a, b in pairs]
+    numbers = [len(several) for several in chunks]
+    every = [chunk for several in chunks for chunk in several]
+    under = [water for water, n in zip(waters, numbers, strict=True) for _ in range(n)]
+    costs = quality([chunk.seen for chunk in every], config.robust, under)
+    added = np.split(costs - [chunk.own for chunk in every], np.cumsum(numbers)[:-1])
+    strains = [_strain(cost, *pair) for cost, pair in zip(added, pairs, strict=True)]
+    return list(map(_Segment, chunks, tables, waters, added, strains))
 
 
-def _strain(both: _Segment, earlier: _Segment, later: _Segment) -> float:
-    """The cost that joining two segments adds, as a fraction of the limit."""
+def _strain(costs: NDArray[np.float64], earlier: _Segment, later: _Segment) -> float:
+    """The cost that joining two segments adds, as a fraction of the limit. costs: of both."""
     number = len(earlier.chunks)
     fewer, more = sorted((number, len(later.chunks)))
     alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
-    added = (both.costs.sum() - earlier.costs.sum() - later.costs.sum()) / fewer
-    smaller = both.costs[:number] if number == fewer else both.costs[number:]
+    added = (costs.sum() - earlier.costs.sum() - later.costs.sum()) / fewer
+    smaller = costs[:number] if number == fewer else costs[number:]
     return float(max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone)))
 
 
@@ -309,11 +262,9 @@ def _joined(segments: list[_Segment], config: ColorConfig) -> list[_Segment]:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)
         if joins[best].strain > 1:
             break
-        segments[best : best + 2] = [joins[best].segment]
-        joins[best : best + 1] = []
+        segments[best : best + 2] = [joins.pop(best)]
         beside = [i for i in (best - 1, best) if 0 <= i < len(joins)]
-        for i, join in zip(
-            beside, _joins([(segments[i], segments[i + 1]) for i in beside], config), strict=True
-        ):
+        again = _joins([(segments[i], segments[i + 1]) for i in beside], config)
+        for i, join in zip(beside, again, strict=True):
             joins[i] = join
     return segments

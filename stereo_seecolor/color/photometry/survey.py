@@ -30,37 +30,47 @@ BLACK = -10_000
 
 
 class Fitter(Protocol):
-    """Takes frames one at a time, in order, and fits a water for each of them."""
+    """Takes frames one at a time, in order, and fits a water for each of them. joins: whether
+    ``join`` may be called.
+    """
+
+    joins: bool = False
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame and its table."""
-
-    @property
-    def joins(self) -> bool:
-        """Whether ``join`` may be called."""
-        return False
 
     def join(self, several: "CountedFrames") -> None:
         """Add several frames at once."""
         raise TypeError("the frames of this fit are added one by one")
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of each frame, by name. Raises ColorError if no range is known."""
+        """The water of each frame, by name. Raises ColorError if no range is known."""
 
     def notes(self) -> tuple[str, ...]:
-        """Return warnings and notes about the whole dive, after ``waters``."""
+        """Warnings and notes about the whole dive, after ``waters``."""
         return ()
 
 
-class FrameFitter(Fitter):
+class _FittedWhenAdded(Fitter):
+    """Fits the water of each frame when it is added."""
+
+    def __init__(self) -> None:
+        self._waters: dict[str, Water | None] = {}
+        self._last: Water | None = None
+
+    def waters(self) -> Mapping[str, Water]:
+        """The water of each frame; one without ranges gets that of the frame before it."""
+        return fill_missing_waters(self._waters.items())
+
+
+class FrameFitter(_FittedWhenAdded):
     """``color.lock: frame``: each frame has a separate water; fits of ``linked`` frames, which show
     the same spots as the frame before, start from its water.
     """
 
     def __init__(self, fit: FitTable, linked: Collection[str] = ()) -> None:
+        super().__init__()
         self._fit, self._linked = fit, linked
-        self._waters: dict[str, Water | None] = {}
-        self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable) -> None:
         """One more frame."""
@@ -68,20 +78,15 @@ class FrameFitter(Fitter):
             self._last = self._fit(table, self._last if name in self._linked else None)
         self._waters[name] = self._last if table.pixels.any() else None
 
-    def waters(self) -> Mapping[str, Water]:
-        """Return the water of each frame; one without ranges gets that of the frame before it."""
-        return fill_missing_waters(self._waters.items())
 
-
-class SlidingFitter(Fitter):
+class SlidingFitter(_FittedWhenAdded):
     """``color.lock: N``: water and exposure of each frame are fitted to the last few frames."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
+        super().__init__()
         self._config, self._fit = config, fit
-        self._waters: dict[str, Water | None] = {}
         self._window: deque[bytes] = deque()
         self._total = MomentTable.empty()
-        self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable) -> None:
         """Add a frame to the window; the oldest leaves it."""
@@ -98,23 +103,6 @@ class SlidingFitter(Fitter):
             self._last = _fitted(self._total, self._config, self._fit, self._last)
         return self._last
 
-    def waters(self) -> Mapping[str, Water]:
-        """Return the water of the window of each frame; a frame without ranges gets that of the
-        frame before.
-        """
-        return fill_missing_waters(self._waters.items())
-
-
-@dataclass(frozen=True, eq=False)
-class ExposureClass:
-    """The frames of one class of brightness: the sum of their tables, and their brightness."""
-
-    table: MomentTable
-    brightness: Brightness
-
-    def __add__(self, other: "ExposureClass") -> "ExposureClass":
-        return ExposureClass(self.table + other.table, self.brightness + other.brightness)
-
 
 @dataclass(frozen=True, eq=False)
 class CountedFrames:
@@ -123,25 +111,25 @@ class CountedFrames:
     """
 
     frames: Sequence[tuple[str, int, bytes]]
-    classes: Mapping[int, ExposureClass]
+    classes: Mapping[int, MomentTable]
 
     @classmethod
     def of(cls, tables: Iterable[tuple[str, MomentTable]], config: ColorConfig) -> "CountedFrames":
         """Add up the tables of these frames, given by name and table in order."""
-        frames, classes = [], dict[int, ExposureClass]()
+        frames, classes = [], dict[int, MomentTable]()
         for name, table in tables:
             brightness = Brightness.of(table, config.encoding)
             kind = class_of(brightness, config)
             frames.append((name, kind, brightness.packed()))
             if table.pixels.any():
-                add_to(classes, {kind: ExposureClass(table, brightness)})
+                add_to(classes, {kind: table})
         return cls(frames, classes)
 
 
-def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass]) -> None:
+def add_to(classes: dict[int, MomentTable], more: Mapping[int, MomentTable]) -> None:
     """Add the tables of each class to the existing ones."""
-    for kind, frames in more.items():
-        classes[kind] = classes[kind] + frames if kind in classes else frames
+    for kind, table in more.items():
+        classes[kind] = classes[kind] + table if kind in classes else table
 
 
 class FrameBrightness:
@@ -162,7 +150,7 @@ class FrameBrightness:
             self._packed.append(packed)
 
     def brightness(self, number: int) -> Brightness:
-        """Return the brightness of frame ``number``."""
+        """The brightness of frame ``number``."""
         return Brightness.unpacked(self._packed[number])
 
 
@@ -176,24 +164,20 @@ class SurveyFitter(Fitter):
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
+        # else each frame is scaled to the exposure of the frames before it
+        self.joins = config.camera_exposure != "brightness"
         self._frames = FrameBrightness()
-        self._classes: dict[int, ExposureClass] = {}
+        self._classes: dict[int, MomentTable] = {}
 
     def add(self, name: str, table: MomentTable) -> None:
         """One more frame."""
         frame = CountedFrames.of([(name, table)], self._config)
-        reference = self._classes.get(0)
-        if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
-            brighter = frame.classes[0].brightness.ratio(reference.brightness)
-            table = shorten_exposure(table, brighter, self._config.encoding)
-            brightness = Brightness.of(table, self._config.encoding)
-            frame = replace(frame, classes={0: ExposureClass(table, brightness)})
+        if not self.joins and 0 in self._classes and 0 in frame.classes:
+            encoding = self._config.encoding
+            usual = Brightness.of(self._classes[0], encoding)
+            brighter = Brightness.of(table, encoding).ratio(usual)
+            frame = replace(frame, classes={0: shorten_exposure(table, brighter, encoding)})
         self.join(frame)
-
-    @property
-    def joins(self) -> bool:
-        """True unless each frame is scaled to the exposure of the frames before it."""
-        return self._config.camera_exposure != "brightness"
 
     def join(self, several: CountedFrames) -> None:
         """Add several frames."""
@@ -201,7 +185,7 @@ class SurveyFitter(Fitter):
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """Return the water of the survey, scaled to the camera exposure of each frame."""
+        """The water of the survey, scaled to the camera exposure of each frame."""
         numbers = range(len(self._frames))
         return fill_missing_waters(
             survey_waters(self._frames, numbers, self._classes, self._config, self._fit)
@@ -211,11 +195,11 @@ class SurveyFitter(Fitter):
 def survey_waters(
     frames: FrameBrightness,
     numbers: range,
-    classes: Mapping[int, ExposureClass],
+    classes: Mapping[int, MomentTable],
     config: ColorConfig,
     fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
-    """Return name and water of each of these frames: one water, scaled to the exposure of each
+    """Name and water of each of these frames: one water, scaled to the exposure of each
     frame.
 
     classes: sums of their tables; if empty, the waters are None.
@@ -224,7 +208,8 @@ def survey_waters(
         yield from ((frames.names.item(number), None) for number in numbers)
         return
     most, survey = usual_exposure(classes)
-    water = _fitted(survey.table, config, fit, None)
+    water = _fitted(survey, config, fit, None)
+    bright = Brightness.of(survey, config.encoding)
     for number in numbers:
         usual = frames.classes[number] == BLACK or (
             config.camera_exposure != "brightness" and abs(frames.classes[number] - most) <= 1
@@ -232,21 +217,19 @@ def survey_waters(
         if usual:
             yield frames.names.item(number), water
         else:
-            brighter = frames.brightness(number).ratio(survey.brightness)
+            brighter = frames.brightness(number).ratio(bright)
             yield frames.names.item(number), _as_exposed(water, brighter, config)
 
 
-def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
-    """Return the class with most pixels, and the sum of all frames in it and in the classes next to
-    it.
-    """
+def usual_exposure(classes: Mapping[int, MomentTable]) -> tuple[int, MomentTable]:
+    """The class with most pixels, and the sum of its table and those next to it."""
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
-    most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
-    return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
+    most = max(lit, key=lambda kind: int(classes[kind].pixels.sum()))
+    return most, reduce(add, (table for kind, table in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
-    """Return the class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
+    """The class of a frame by its brightness: 0 with ``camera_exposure: brightness``."""
     if not np.isfinite(brightness.stops):
         return BLACK
     held = config.camera_exposure != "brightness"
@@ -270,9 +253,7 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
 
 
 def fill_missing_waters(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
-    """Return the waters by name; a frame without one gets the last one before it, or else the
-    first.
-    """
+    """The waters by name; a frame without one gets the last one before it, or else the first."""
     found, before, last = ByName[Water](), list[str](), None
     for name, water in waters:
         last = water or last

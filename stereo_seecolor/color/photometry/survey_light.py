@@ -1,6 +1,6 @@
 """The light of a survey: the terms that the dive determines, and their effect."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.color_trend import ColorTrend
 from stereo_seecolor.color.photometry.crossing import CROSSING_SETTINGS, alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, choose
-from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, Light
+from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, ByFrame, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Alike, LightPrior
 from stereo_seecolor.color.photometry.light_solver import LightTerms, Window, window_of
-from stereo_seecolor.color.photometry.observations import Observations, SeenWindow
+from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.single_illumination import is_single_illumination
+from stereo_seecolor.compute.names import Names
 
 
 @dataclass(frozen=True)
@@ -22,40 +23,34 @@ class ObservationLimits:
     """Limits of the observations for the light, and of its standard error."""
 
     light: tuple[float, float] = (0.003, 0.97)
-    """Least and largest linear light of each channel: darker is noise and backscatter, brighter may
-    be clipped.
-    """
+    """Linear light of each channel: darker is noise and backscatter, brighter may be clipped."""
     range_quantiles: tuple[float, float] = (0.01, 0.99)
     """Quantiles of the ranges of observations; the pattern is not extrapolated beyond them."""
     loose: float = 0.1
-    """Standard error of a pattern, logarithm, above which a note explains how to lower it: ten of
-    49 synthetic dives, in none of which frames of two lines show the same spots.
-    """
+    """Standard error of a pattern, logarithm, above which a note explains how to lower it."""
 
 
 LIMITS = ObservationLimits()
 COMPARED = "stereo-seecolor evaluate OUT --spread"
 """The note names this command, because spots left out of the fit alone give other numbers."""
+LOOSE = ": lines that overlap or cross, and pictures of the turns between them, would reduce it"
 PARTS_DIFFER = (
     "lines that share no spot were lit differently (lamps switched on between them?): "
     "the lamps' light is not corrected"
 )
-_ByName = Mapping[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyLight:
     """The solved light of a survey.
 
-    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each,
-    and their effect.
+    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each.
     crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance
-    between neighbors, without and with the gains of all frames; None = not solved.
-    recorded: True if the gains have recorded exposures as their prior.
-    refused: like offsets, without and with recorded exposures, if these do not explain differences
-    between frames and are not used; else None. reading: how these would explain them, if read
-    otherwise. parts_differ: True if lines that share no spot have
-    different light, so that only the lens is corrected.
+    between neighbors, without and with the gains of all frames; None = not solved. recorded: the
+    gains have recorded exposures as their prior. refused: like offsets, of recorded exposures that
+    do not explain differences between frames; else None. reading: how these would explain them, if
+    read otherwise. parts_differ: lines that share no spot have different light, so that only the
+    lens is corrected.
     """
 
     solved: Light
@@ -70,24 +65,15 @@ class SurveyLight:
 
     @property
     def light(self) -> Light | None:
-        """Return the light; None if no term helps."""
-        return (
-            self.solved
-            if any(self.luminance.use)
-            or any(self.color.use)
-            or self.solved.gains
-            or self.solved.shading
-            else None
-        )
+        """The light; None if no term helps."""
+        used = (*self.luminance.use, *self.color.use, self.solved.gains, self.solved.shading)
+        return self.solved if any(used) else None
 
     @property
     def note(self) -> str:
-        """Return a line for the user on the terms in use and their effect; "" for none."""
-        used = (
-            f"light: {'; '.join(self._used())}; more in water.json"
-            if self.light
-            else self._why_not()
-        )
+        """A line on the terms in use and their effect; "" for none."""
+        parts = "; ".join(self._used())
+        used = f"light: {parts}; more in water.json" if self.light else self._why_not()
         if self.refused is None:
             return used
         as_taken, about = map(_percent, self.refused)
@@ -100,10 +86,9 @@ class SurveyLight:
         """The note where no term is used: too few spots; "" where the light is even."""
         if self.parts_differ:
             return f"light: {PARTS_DIFFER}"
-        few = (
-            f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
-        )
-        return "" if self.luminance.judged else f"light: {few}: too few, nothing is corrected"
+        few = f"only {self.luminance.judging} spots are seen by two frames and can judge"
+        why = f"light: {few} a correction: too few, nothing is corrected"
+        return "" if self.luminance.judged else why
 
     def _used(self) -> list[str]:
         parts = [PARTS_DIFFER] if self.parts_differ else []
@@ -111,9 +96,8 @@ class SurveyLight:
         if any(luminance.use):
             parts.append(f"brightness corrected for {luminance.use}")
         if luminance.use.pattern:
-            parts.append(
-                f"standard error of the uneven light {_percent(luminance.error)}{self._loose}"
-            )
+            error = f"standard error of the uneven light {_percent(luminance.error)}"
+            parts.append(error + (LOOSE if luminance.error > LIMITS.loose else ""))
         if any(color.use):
             same = "the same" if color.use == luminance.use else str(color.use)
             parts.append(f"color corrected for {same}")
@@ -130,21 +114,11 @@ class SurveyLight:
             parts.append(f"by how much views of one spot differ before and after: {COMPARED}")
         return parts
 
-    @property
-    def _loose(self) -> str:
-        """Advice for a pattern whose standard error is large; else ""."""
-        more = (
-            ": lines that overlap or cross, and pictures of the turns between them, would reduce it"
-        )
-        return more if self.luminance.error > LIMITS.loose else ""
-
     def at(
         self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """Compute the (N, 3) logarithm of the light without gains: pattern and trend, of water and
-        lamps together.
-
-        pixel: (N, 2) x, y in an image of ``size`` (width, height). range_m: (N,) meters.
+        """(N, 3) logarithm of the light without gains: pattern and trend. pixel: (N, 2) x, y in an
+        image of ``size`` (width, height). range_m: (N,) meters.
         """
         luminance, color = self.luminance.solution, self.color.solution
         seen = replace(self.solved, coefficients=luminance.coefficients + color.coefficients)
@@ -154,14 +128,12 @@ class SurveyLight:
 
     def of_frames(
         self,
-        gains: _ByName,
-        shading: _ByName,
+        gains: ByFrame,
+        shading: ByFrame,
         slopes: NDArray[np.float64],
         offsets: tuple[float, float],
     ) -> "SurveyLight":
-        """Return the light with these gains and shading of frames, by name, and with (2, 3) slopes
-        added to the pattern.
-        """
+        """The light with these gains and shading, and (2, 3) slopes added to the pattern."""
         coefficients = self.solved.coefficients + np.pad(slopes, ((0, TERMS - 2), (0, 0)))
         solved = replace(self.solved, coefficients=coefficients, gains=gains, shading=shading)
         return replace(self, solved=solved, offsets=offsets)
@@ -181,7 +153,7 @@ class SurveyLight:
 
 
 def solve_light(
-    windows: Sequence[SeenWindow],
+    windows: Sequence[Observations],
     names: Sequence[str],
     size: tuple[int, int],
     allowed: LightTerms,
@@ -202,89 +174,73 @@ def solve_light(
     Returns:
         The light; None if no two frames show the same spot.
     """
-    ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
+    ranges = np.concatenate([window.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
         return None
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     even = Light(np.zeros((TERMS, 3)), float(np.median(ranges)), (near_m, far_m))
-    made = [window_of(one.seen, one.frames, usable(one.seen), even, size) for one in windows]
-    made = [_equally_exposed(window, recorded) for window in made if len(window.patch)]
+    exposures = np.zeros(len(names)) if recorded is None else recorded
+    made = [window_of(one, usable(one), even, size) for one in windows]
+    made = [
+        replace(window, values=window.values - exposures[window.frame][:, None])
+        for window in made
+        if len(window.patch)
+    ]
     if not made:
         return None
     crossed = pictures_crossed(windows, size)
     same = alike(crossed, len(made))
     made, measured = numbered(made)
-    priors = (
-        LightPrior.lens(same),
-        LightPrior.lamps(even.reference_m, same),
-    )
-    candidates = _candidates_of_luminance(allowed, priors)
-    luminances = [_luminance(window) for window in made]
-    differ = not is_sampled and not is_single_illumination(
-        made, luminances, candidates, len(measured)
-    )
+    pattern = LightTerms(pattern=True, ranged=allowed.ranged)
+    unknown, lens = LightPrior.unknown(LUMINANCE, same), (pattern, LightPrior.lens(same))
+    lamps = pattern, LightPrior.lamps(even.reference_m, same)
+    candidates = _candidates(allowed, unknown, [lens, lamps])
+    luminances = [window.luminance for window in made]
+    differ = not is_sampled and not is_single_illumination(luminances, candidates, len(measured))
     if differ:
-        candidates = _candidates_of_luminance(allowed, priors[:1])
-    luminance = choose(made, luminances, candidates, len(measured))
-    of_color = allowed._replace(
+        candidates = _candidates(allowed, unknown, [lens])
+    luminance = choose(luminances, candidates, len(measured))
+    terms = allowed._replace(
         pattern=allowed.pattern and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
-    color = _choose_color(made, of_color, same, len(measured), crossed)
-    light = _light(luminance, color, made, even)
-    gains = luminance.solution.gains + color.solution.gains
-    gains += 0.0 if recorded is None else recorded[measured, None]
-    shading = luminance.solution.shading + color.solution.shading
-    seen = [names[frame] for frame in measured]
-    light = replace(light, gains=_by_name(gains, seen), shading=_by_name(shading, seen))
-    light = replace(light, fade=0.0) if differ else light
+    color = _choose_color(made, terms, same, len(measured), crossed)
+    of_luminance, of_color = luminance.solution, color.solution
+    gains = of_luminance.gains + of_color.gains + exposures[measured, None]
+    seen = Names(names[frame] for frame in measured)
+    is_faded = luminance.use.pattern and not differ
+    light = replace(
+        even,
+        coefficients=of_luminance.coefficients + of_color.coefficients,
+        gains=_by_frame(gains, seen),
+        fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if is_faded else 0.0,
+        color_trend=_color_trend(color, made, even.reference_m),
+        shading=_by_frame(of_luminance.shading + of_color.shading, seen),
+    )
     return SurveyLight(
         light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ
     )
 
 
-def _candidates_of_luminance(allowed: LightTerms, priors: Sequence[LightPrior]) -> list[Candidate]:
-    """priors: of patterns."""
-    unknown = LightPrior.unknown(LUMINANCE, priors[0].alike)
-    return _candidates(allowed, unknown, priors, [LightTerms(pattern=True, ranged=allowed.ranged)])
-
-
 def _choose_color(
     windows: Sequence[Window], allowed: LightTerms, same: Alike, frames: int, crossed: float
 ) -> Choice:
-    """Choose the terms of color, the logarithms of R, G, B less their mean.
-
-    A dive that is too short to correct a pattern still compares it with gains: along a track, the
-    slope of a pattern looks like a drift of gains.
+    """Choose the terms of color. A dive that is too short to correct a pattern still compares it
+    with gains: along a track, the slope of a pattern looks like a drift of gains.
     """
     unknown = LightPrior.unknown(COLOR, same)
-    patterns = [LightTerms(pattern=True), LightTerms(pattern=True, ranged=True)]
-    candidates = _candidates(allowed, unknown, [unknown], patterns)
-    colors = [window.log_light - _luminance(window) for window in windows]
-    chosen = choose(windows, colors, candidates, frames)
+    patterns = [(LightTerms(pattern=True, ranged=ranged), unknown) for ranged in (False, True)]
+    candidates = _candidates(allowed, unknown, patterns)
+    colors = [window.color for window in windows]
+    chosen = choose(colors, candidates, frames)
     if crossed >= CROSSING_SETTINGS.color or not chosen.use.pattern:
         return chosen
-    return chosen.without_pattern(windows, colors)
+    return chosen.without_pattern(colors)
 
 
-def _light(luminance: Choice, color: Choice, windows: Sequence[Window], even: Light) -> Light:
-    """The light of luminance and color together, without gains and shading."""
-    of_luminance, of_color = luminance.solution, color.solution
-    return replace(
-        even,
-        coefficients=of_luminance.coefficients + of_color.coefficients,
-        fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0,
-        color_trend=_color_trend(color, windows, even.reference_m),
-    )
-
-
-def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Frame name -> its numbers, of (F, ...) numbers; empty where all are 0."""
-    return (
-        {name: own.ravel() for name, own in zip(names, numbers, strict=True)}
-        if numbers.any()
-        else {}
-    )
+def _by_frame(numbers: NDArray[np.float64], names: Names) -> ByFrame:
+    """The (F, ...) numbers of frames by name; empty where all are 0."""
+    return ByFrame(names, numbers.reshape(len(names), -1)) if numbers.any() else ByFrame()
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
@@ -293,31 +249,21 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
     """
     if not color.judged or (color.use.gains and not color.use.pattern):
         return None
-    light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
+    light = np.exp(np.concatenate([window.values for window in windows]).mean(axis=0))
     power = color.solution.trend[0] / SHAPE.range_step
     error = color.solution.trend_error / SHAPE.range_step
     return ColorTrend(power - power.mean(), error, reference_m, light)
 
 
 def _candidates(
-    allowed: LightTerms,
-    unknown: LightPrior,
-    priors: Sequence[LightPrior],
-    patterns: Sequence[LightTerms],
+    allowed: LightTerms, unknown: LightPrior, patterns: Sequence[tuple[LightTerms, LightPrior]]
 ) -> list[Candidate]:
-    """No correction, gains alone, and each pattern with each of its priors, as far as allowed.
-
-    unknown: prior without a pattern. priors: of patterns. patterns: terms of patterns to try.
-    """
-    own = [(False, False), (True, False), (True, True)]
-    of_patterns = [
+    """No correction, gains alone, each pattern, as allowed. unknown: prior without a pattern."""
+    every = [
         Candidate(use._replace(gains=gains, shading=shading), prior)
-        for use in patterns
-        for prior in priors
-        for gains, shading in own
+        for use, prior in [(LightTerms(), unknown), *patterns]
+        for gains, shading in ((False, False), (True, False), (True, True))
     ]
-    alone = [Candidate(LightTerms(gains=gains, shading=shading), unknown) for gains, shading in own]
-    every = [*alone, *of_patterns]
     return [
         one
         for one in every
@@ -325,25 +271,11 @@ def _candidates(
     ]
 
 
-def _equally_exposed(window: Window, recorded: NDArray[np.float64] | None) -> Window:
-    """The window with the (F,) logarithms of recorded exposures subtracted."""
-    return (
-        window
-        if recorded is None
-        else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
-    )
-
-
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
-    """Number the frames of the windows from 0; return the windows, and the numbers of these frames
-    in the dive.
-    """
-    measured, numbers = np.unique(
-        np.concatenate([window.frame for window in windows]), return_inverse=True
-    )
-    parts = np.split(numbers, np.cumsum([len(window.frame) for window in windows[:-1]]))
+    """The windows with frames numbered from 0, and the numbers of these frames in the dive."""
+    measured = np.unique(np.concatenate([window.frame for window in windows]))
     return [
-        replace(window, frame=frame) for window, frame in zip(windows, parts, strict=True)
+        replace(window, frame=np.searchsorted(measured, window.frame)) for window in windows
     ], measured
 
 
@@ -351,11 +283,6 @@ def usable(seen: Observations) -> NDArray[np.bool_]:
     """Select (N,) observations that are neither dark nor near clipping."""
     darkest, brightest = LIMITS.light
     return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
-
-
-def _luminance(window: Window) -> NDArray[np.float64]:
-    """(N, 1) luminance: the mean logarithm of the channels."""
-    return np.asarray(window.log_light.mean(axis=1, keepdims=True))
 
 
 def _percent(logarithm: float) -> str:

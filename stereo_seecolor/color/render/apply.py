@@ -58,6 +58,7 @@ def corrected(
     ones.
     """
     unknown = shown.unknown
+    empty = NOTHING_KNOWN if unknown.all() else ""
     pixels = carry_hue(shown, image)
     if config.unknown_pixels == "raw":
         pixels[unknown] = image[unknown]
@@ -69,11 +70,7 @@ def corrected(
         water=water,
         exposure=tone.exposure,
         highlights=tone.highlights,
-        warnings=tuple(
-            filter(
-                None, (*water.warnings, white_doubt(water), NOTHING_KNOWN if unknown.all() else "")
-            )
-        ),
+        warnings=tuple(filter(None, (*water.warnings, white_doubt(water), empty))),
     )
 
 

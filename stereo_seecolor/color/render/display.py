@@ -89,28 +89,15 @@ def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Displ
         (FULL_AT - np.arange(values + 1) / values) / (FULL_AT - FULL_FROM), 0, 1
     ).astype(np.float32)
     curve = _code_curve(bit_depth, encoding, zero)
-    codes, unit, least = (
-        np.round(np.minimum(curve, 65535)).astype(np.uint16),
-        *np.array(shoulder[3:], np.float32),
-    )
-    displayed = np.clip(codes[: 0 if highlights > 1 else codes.size] * unit - least, 0, 255).astype(
-        np.uint16
-    )
-    return Display(
-        decoded_values(bit_depth, encoding),
-        known,
-        curve,
-        codes,
-        displayed,
-        np.array(shoulder, np.float32),
-    )
+    codes = np.round(np.minimum(curve, 65535)).astype(np.uint16)
+    roll_off = np.array(shoulder, np.float32)
+    displayed = np.clip(codes * roll_off[3] - roll_off[4], 0, 255).astype(np.uint16)
+    displayed = displayed[: 0 if highlights > 1 else codes.size]
+    return Display(decoded_values(bit_depth, encoding), known, curve, codes, displayed, roll_off)
 
 
 @lru_cache
 def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray[np.float32]:
-    codes = (
-        (encode(np.linspace(0, REACH, REACH * NODES + 1), encoding) + zero)
-        * (2**bit_depth - 1)
-        * CODES[bit_depth]
-    )
+    light = np.linspace(0, REACH, REACH * NODES + 1)
+    codes = (encode(light, encoding) + zero) * (2**bit_depth - 1) * CODES[bit_depth]
     return np.append(codes, codes[-1]).astype(np.float32)

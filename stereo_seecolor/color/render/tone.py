@@ -87,14 +87,10 @@ def _exceeded(number: NDArray[np.int64], allowed: int) -> float:
     number: (32640,) values counted by the leading bits of their light (``_add_up``).
     """
     places = np.flatnonzero(number)[::-1]
-    reached = np.append(places, 0)[
-        np.searchsorted(np.cumsum(number[places]), allowed, side="right")
-    ]
-    return (
-        float(((reached + 1).astype(np.int32) << _MANTISSA_BITS).view(np.float32))
-        if reached
-        else 0.0
-    )
+    above = np.searchsorted(np.cumsum(number[places]), allowed, side="right")
+    reached = np.append(places, 0)[above]
+    light = ((reached + 1).astype(np.int32) << _MANTISSA_BITS).view(np.float32)
+    return float(light) if reached else 0.0
 
 
 def _add_up(

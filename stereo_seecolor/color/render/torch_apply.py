@@ -234,20 +234,16 @@ def _above_noise(light: Tensor, noise: Tensor) -> Tensor:
 
 def _rolled_off(codes: Tensor, tensors: Tensors, top: int = 255) -> Tensor:
     """Displayed values of codes (N, 3)."""
-    return (
-        (codes * _factor(codes.amax(dim=1, keepdim=True), tensors.shoulder) - tensors.shoulder[4])
-        .clamp(0, top)
-        .to(torch.int32)
-    )
+    factor = _factor(codes.amax(dim=1, keepdim=True), tensors.shoulder)
+    return (codes * factor - tensors.shoulder[4]).clamp(0, top).to(torch.int32)
 
 
 def _factor(code: Tensor, shoulder: Tensor) -> Tensor:
     """Values per code, by a pixel's greatest code: less above the knee (``display.display``)."""
     knee, length, bend, unit, _ = shoulder.unbind()
     over, code = (code - knee).clamp(min=0), code.clamp(min=1e-30)
-    return (
-        (torch.minimum(code, knee) + over * (length + over * bend) / (length + over)) / code * unit
-    )
+    above = over * (length + over * bend) / (length + over)
+    return (torch.minimum(code, knee) + above) / code * unit
 
 
 def _sum(channels: Tensor) -> Tensor:

@@ -69,12 +69,8 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     """
     wanted, subtracted = unit_exposure_gains(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
-    most = (
-        OUTPUT_NOISE
-        / exposure
-        / amplified
-        / _noise(wanted, subtracted, config, MID_GRAY / exposure)
-    )
+    noise = _noise(wanted, subtracted, config, MID_GRAY / exposure)
+    most = OUTPUT_NOISE / exposure / amplified / noise
     allowed = np.minimum(1.0, most / wanted)
     best = allowed.max(axis=0)
     trust = (allowed / best) ** 2

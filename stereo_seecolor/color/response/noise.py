@@ -134,10 +134,11 @@ def _variances(plane: Plane, kernel: NDArray[np.float32]) -> Plane:
 
 def _means(plane: Plane) -> Plane:
     """Of each block; images of less than a block have none."""
-    rows, _, columns, _ = _cut(plane).shape
-    if not rows * columns:
+    blocks = _cut(plane)
+    rows, _, columns, _ = blocks.shape
+    if not blocks.size:
         return np.zeros((rows, columns), np.float32)
-    cut = plane[: rows * BLOCK_PX, : columns * BLOCK_PX]
+    cut = blocks.reshape(rows * BLOCK_PX, -1)
     return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA))
 
 

@@ -15,13 +15,20 @@ hardly its color.
 Wrong matches weigh less (Cauchy).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import RectifiedPair
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
-from stereo_seecolor.color.photometry.observations import Observations
+from stereo_seecolor.color.photometry.observations import (
+    KeyFrame,
+    Observations,
+    PhotometricView,
+    observations_of,
+)
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.extras.evaluation.multiview_system import (
@@ -54,6 +61,10 @@ class MultiviewSettings:
     """A standard error of at least this fraction of the prior's was not measured."""
     least_direct: float = 0.05
     """Direct signal left at least, fraction of the light: a logarithm needs some."""
+    most_patches: int = 20_000
+    """Largest number of patches of all frames together, which limits memory and time."""
+    most_patches_a_frame: int = 1600
+    """Largest number of patches of a frame: a grid of about 40 by 40."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,20 @@ class StepSettings:
 
 SETTINGS = MultiviewSettings()
 STEPS = StepSettings()
+
+
+def find_observations(
+    frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
+) -> Observations:
+    """Find observations of patches that several frames show; frames are read twice, one at a
+    time.
+    """
+    number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
+    points_m = np.concatenate(
+        [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]
+    )
+    views = (PhotometricView.of(frame, geometry, encoding) for frame in frames)
+    return observations_of(points_m, views, range(len(frames)))
 
 
 def fit_observations(observations: Observations, encoding: InputEncoding) -> Water:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.robust_statistics import deviation
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.srgb import LUMINANCE
@@ -20,7 +21,6 @@ from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
-from stereo_seecolor.robust_statistics import deviation
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.divided_light import divide_illumination
 from stereo_seecolor.color.photometry.light_model import Light
-from stereo_seecolor.color.photometry.observations import KeyFrame, find_observations
+from stereo_seecolor.color.photometry.observations import KeyFrame
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
@@ -30,7 +30,11 @@ from stereo_seecolor.extras.evaluation.charts.chart_white import (
     survey_white,
 )
 from stereo_seecolor.extras.evaluation.charts.targets import Targets, read_targets, targets_of
-from stereo_seecolor.extras.evaluation.multiview import fit_observations, with_white_of
+from stereo_seecolor.extras.evaluation.multiview import (
+    find_observations,
+    fit_observations,
+    with_white_of,
+)
 from stereo_seecolor.inputs.trajectories import rectified_trajectory, trajectory_files
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place

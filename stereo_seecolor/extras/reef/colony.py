@@ -16,9 +16,9 @@ from stereo_seecolor.extras.reef.polygons import inside, polygon_area
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import peaks, spread_of
 from stereo_seecolor.mapping.raster.sides import sides_seen
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.rasterize import rasterize
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.report.terrain_views import correlation_of, noise_of, views_of
 from stereo_seecolor.run_folder.posed_run import PosedRun
 

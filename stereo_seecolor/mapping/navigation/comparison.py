@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import ROBUST_DEVIATION, deviation_about_zero
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -40,7 +41,6 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION, deviation_about_zero
 
 Array = NDArray[np.float64]
 

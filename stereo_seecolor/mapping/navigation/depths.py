@@ -5,9 +5,9 @@ the time.
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
+from calibration.robust_statistics import weighted_median_and_error
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.robust_statistics import weighted_median_and_error
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import TUKEY, biweight, deviation_about_zero
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import pose, rotation_from_vector
@@ -18,7 +19,6 @@ from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.records import Trajectory
-from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
 Array = NDArray[np.float64]
 

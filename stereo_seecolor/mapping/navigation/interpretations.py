@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calibration.robust_statistics import weighted_median
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, quaternion
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -17,7 +18,6 @@ from stereo_seecolor.mapping.navigation.mount import north_of
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import Trajectory
-from stereo_seecolor.robust_statistics import weighted_median
 
 Array = NDArray[np.float64]
 

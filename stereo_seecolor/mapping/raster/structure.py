@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_stds
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected, observed
 from stereo_seecolor.mapping.raster.reef_metrics import (
     HORN_CELLS,
@@ -24,6 +23,7 @@ from stereo_seecolor.mapping.raster.square_metrics import (
     rdh,
     rugosity_hvar,
 )
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 
 Array = NDArray[np.float64]
 Window = tuple[slice, slice]

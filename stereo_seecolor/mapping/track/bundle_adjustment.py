@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem, State
 from stereo_seecolor.mapping.track.flattened_relief import flattened_relief
 from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.known_points import KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import Prior
-from stereo_seecolor.robust_statistics import deviation_about_zero
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
 Array = NDArray[np.float64]

@@ -45,7 +45,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, scale_of, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.records import SurveyFrame
 
 Array = NDArray[np.float64]

@@ -32,11 +32,11 @@ from stereo_seecolor.extras.reef.outlines import Outline
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
 from stereo_seecolor.mapping.raster.noise import peaks, smoothed
 from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.mapping.raster.square_metrics import mean_height_range, rdh
 from stereo_seecolor.mapping.raster.structure import Numbers, numbers_of, squares_of, structure
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
 from stereo_seecolor.report.texts import digits, phrase

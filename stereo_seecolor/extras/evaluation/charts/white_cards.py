@@ -9,6 +9,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.extras.evaluation.charts.flat_patches import PATCH_LIMITS as FLAT
 from stereo_seecolor.extras.evaluation.charts.flat_patches import (
     Array,
@@ -19,8 +20,8 @@ from stereo_seecolor.extras.evaluation.charts.flat_patches import (
 )
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
+from stereo_seecolor.mapping.marker_corners import intersections, line_through
 from stereo_seecolor.records import Image
-from stereo_seecolor.robust_statistics import deviation_about_zero
 
 
 @dataclass(frozen=True)
@@ -146,12 +147,7 @@ def _outlined(light: Floats, corners: Array) -> Array | None:
         known = [line for line in lines if line is not None]
         if len(known) < 4:
             return None
-        met = np.array(
-            [
-                np.cross(before, line)
-                for before, line in zip([known[-1], *known[:-1]], known, strict=True)
-            ]
-        )
+        met = intersections(np.array(known))
         if not met[:, 2].all():
             return None
         corners = met[:, :2] / met[:, 2:]
@@ -199,9 +195,7 @@ def _side(light: Floats, start: Array, end: Array, reach_px: float) -> Array | N
     near = np.abs(at - np.median(at)) < max(1.5, 0.3 * reach_px)
     if near.sum() < LIMITS.samples / 2:
         return None
-    points = (feet + at[:, None] * across)[near].astype(np.float32)
-    vx, vy, x, y = np.ravel(cv2.fitLine(points, cv2.DIST_HUBER, 0, 0.001, 0.001)).astype(np.float64)
-    return np.array([-vy, vx, vy * x - vx * y])
+    return line_through((feet + at[:, None] * across)[near].astype(np.float32))
 
 
 def _is_card(light: Floats, corners: Array) -> bool:

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import TUKEY, biweight
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
-from stereo_seecolor.mapping.raster.height_model import Terrain
-from stereo_seecolor.robust_statistics import TUKEY, biweight
+from stereo_seecolor.mapping.raster.terrain import Terrain
 
 Float = NDArray[np.float32]
 Mask = NDArray[np.bool_]

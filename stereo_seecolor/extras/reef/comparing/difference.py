@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.mapping.raster.height_errors import stds_beside_holes
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
-from stereo_seecolor.robust_statistics import deviation_about_zero
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.comparing.orthophoto import Orthophoto
-from stereo_seecolor.mapping.raster.height_model import Terrain
+from stereo_seecolor.mapping.raster.terrain import Terrain
 from stereo_seecolor.mapping.track.local_contrast import local_contrast
 from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
 

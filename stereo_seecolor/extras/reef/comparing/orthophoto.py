@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.files.rasters import open_raster
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain
+from stereo_seecolor.mapping.raster.terrain import Terrain
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.resampling import jackknife
 from stereo_seecolor.geometry import (
     rigid_alignment,
     scale_of,
@@ -85,7 +86,7 @@ def _scale_std(a: Array, b: Array) -> float:
     scales = np.array([scale_of(similarity_alignment(b[k], a[k])) for k in others if k.sum() >= 3])
     if len(scales) < 2:
         return float("inf")
-    return float(np.sqrt((len(scales) - 1) * scales.var()))
+    return float(jackknife(scales))
 
 
 def _alike_triples(a: Array, b: Array, tolerance_m: float) -> NDArray[np.int64]:

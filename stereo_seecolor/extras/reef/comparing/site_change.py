@@ -22,7 +22,7 @@ from stereo_seecolor.extras.reef.comparing.registration import Registration, reg
 from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh
 from stereo_seecolor.extras.reef.terrain_of_mesh import terrain_errors, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.height_model import Terrain, TerrainErrors
+from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 
 LEAST_OVERLAP_CELLS = 2000
 """Errors are learned from stable ground: of fewer cells they are not known."""

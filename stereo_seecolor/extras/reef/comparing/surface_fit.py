@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibration.robust_statistics import TUKEY, biweight, deviation
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.geometry import rotation_from_vector, transform_points
-from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from stereo_seecolor.extras.streams.bags.bag import (
     needs_library,
 )
 from stereo_seecolor.extras.streams.bags.foxglove import parse_foxglove
-from stereo_seecolor.files.image_marks import JPEG_SIGNATURE, PNG_SIGNATURE
+from stereo_seecolor.files.image_headers import JPEG_SIGNATURE, PNG_SIGNATURE
 from stereo_seecolor.files.tiff import encode_tiff
 
 CHANNELS = {

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.robust_statistics import deviation
+from calibration.robust_statistics import deviation
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import StereoRig
+from calibration.robust_statistics import deviation
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.lags import Array, Lag, coarse_lag, fine_lag
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
@@ -16,7 +17,6 @@ from stereo_seecolor.extras.streams.videos.row_lag import Pairs, row_lag
 from stereo_seecolor.extras.streams.videos.sound import sound_lag
 from stereo_seecolor.extras.streams.videos.time_code import time_code_lag
 from stereo_seecolor.inputs.video_streams import sound
-from stereo_seecolor.robust_statistics import deviation
 
 
 @dataclass(frozen=True)

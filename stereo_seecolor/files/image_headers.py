@@ -9,15 +9,14 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 
-from stereo_seecolor.files.image_marks import (
-    EXIF_PREFIX,
-    JPEG_APP1,
-    JPEG_SCAN,
-    JPEG_SIGNATURE,
-    PNG_SIGNATURE,
-)
-
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+JPEG_SIGNATURE = b"\xff\xd8"
+JPEG_APP0, JPEG_APP1, JPEG_SCAN = 0xFFE0, 0xFFE1, 0xFFDA
+"""Markers of segments (ITU T.81)."""
+EXIF_PREFIX = b"Exif\x00\x00"
+"""Before the EXIF block of a JPEG."""
 PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 BMP_SIGNATURE = b"BM"
@@ -27,7 +26,8 @@ TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 TIFF_SHORT = 3  # kind of a value: two bytes
 TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a mask
 TIFF_COMPRESSION, TIFF_UNCOMPRESSED = 259, 1
-JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+JPEG_FRAMES = frozenset(range(0xFFC0, 0xFFD0)) - {0xFFC4, 0xFFC8, 0xFFCC}
+"""Markers before the size of a JPEG (ITU T.81, table B.1)."""
 
 
 def image_size(content: bytes) -> tuple[int, int]:
@@ -47,6 +47,22 @@ def image_size(content: bytes) -> tuple[int, int]:
     if header := NETPBM_HEADER.match(content):
         return _netpbm_size(content, header)
     raise ValueError("is not a PNG, TIFF, JPEG, BMP or binary PGM or PPM image")
+
+
+def stated_size(content: bytes) -> tuple[int, int] | tuple[()]:
+    """(width, height) by the header alone of a PNG, TIFF or JPEG; () where it states none."""
+    with suppress(KeyError, struct.error):
+        if content.startswith(PNG_SIGNATURE):
+            width, height = struct.unpack_from(">2I", content, 16)
+            return width, height
+        if content.startswith(TIFF_SIGNATURES):
+            tags = tiff_numbers(content)
+            return tags[TIFF_WIDTH], tags[TIFF_HEIGHT]
+        for marker, segment in jpeg_segments(content):
+            if marker in JPEG_FRAMES:
+                height, width = struct.unpack_from(">2H", segment, 1)
+                return width, height
+    return ()
 
 
 def is_finished_color(content: bytes) -> bool:
@@ -69,20 +85,29 @@ def exif_block(content: bytes) -> bytes:
     if content.startswith(TIFF_SIGNATURES):
         return content
     if content.startswith(PNG_SIGNATURE):
-        return png_chunk(content, b"eXIf")
+        return first_chunk(content, b"eXIf")
     return _jpeg_exif(content) if content.startswith(JPEG_SIGNATURE) else b""
 
 
-def png_chunk(content: bytes, wanted: bytes) -> bytes:
+def png_chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
+    that is cut short.
+    """
+    at = len(PNG_SIGNATURE)
+    while at < len(content):
+        length, kind = struct.unpack_from(">I4s", content, at)
+        yield kind, at + 8, at + 8 + length
+        at += length + 12
+
+
+def first_chunk(content: bytes, wanted: bytes) -> bytes:
     """The data of a PNG's first chunk of this kind, such as eXIf and PLTE; b"" where there is
     none.
     """
-    position = len(PNG_SIGNATURE)
-    while position + 12 <= len(content):
-        length, kind = struct.unpack_from(">I4s", content, position)
-        if kind == wanted:
-            return content[position + 8 : position + 8 + length]
-        position += 12 + length
+    with suppress(struct.error):
+        for kind, start, end in png_chunks(content):
+            if kind == wanted:
+                return content[start:end]
     return b""
 
 
@@ -125,26 +150,18 @@ def jpeg_quantization(content: bytes) -> bytes:
 
 
 def _png_size(content: bytes) -> tuple[int, int]:
-    position = len(PNG_SIGNATURE)
-    width_height = None
-    while position + 12 <= len(content):
-        length, kind = struct.unpack_from(">I4s", content, position)
-        end = position + 12 + length
-        if end > len(content):
-            break
-        if (
-            zlib.crc32(content[position + 4 : end - 4])
-            != struct.unpack_from(">I", content, end - 4)[0]
-        ):
-            raise ValueError(
-                f"is damaged (PNG chunk {kind.decode('latin1')!r} at byte {position} has a wrong "
-                "checksum)"
-            )
-        if kind == b"IHDR" and length == 13:
-            width_height = struct.unpack_from(">II", content, position + 8)
-        if kind == b"IEND" and width_height:
-            return width_height[0], width_height[1]
-        position = end
+    size = None
+    with suppress(struct.error):
+        for kind, start, end in png_chunks(content):
+            if zlib.crc32(content[start - 4 : end]) != struct.unpack_from(">I", content, end)[0]:
+                raise ValueError(
+                    f"is damaged (PNG chunk {kind.decode('latin1')!r} at byte {start - 8} has a "
+                    "wrong checksum)"
+                )
+            if kind == b"IHDR" and end - start == 13:
+                size = stated_size(content)
+            if kind == b"IEND" and size:
+                return size
     raise ValueError("is truncated (the PNG ends before its end mark)")
 
 
@@ -152,14 +169,14 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
     position = len(JPEG_SIGNATURE)
     size = None
     while position + 4 <= len(content):
-        marker, length = struct.unpack_from(">xBH", content, position)
-        if content[position] != 0xFF or length < 2:
+        marker, length = struct.unpack_from(">HH", content, position)
+        if marker < 0xFF00 or length < 2:
             raise ValueError(f"is damaged (no JPEG marker at byte {position})")
-        if marker in JPEG_FRAME_MARKERS and position + 9 <= len(content):
+        if marker in JPEG_FRAMES and position + 9 <= len(content):
             height, width = struct.unpack_from(">HH", content, position + 5)
             size = (width, height)
         # the scan follows; inside it every 0xFF is escaped, so an end mark is an end mark
-        if marker == 0xDA and size:
+        if marker == JPEG_SCAN and size:
             if content.find(b"\xff\xd9", position) < 0:
                 raise ValueError("is truncated (the JPEG ends before its end mark)")
             return size
