@@ -237,7 +237,7 @@ def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
     points; NaN where none are matched.
 
     Medians of the contrast along columns, which disparities do not change. Noise adds little to it:
-    0.97 to 1.01 on drawn dives with noise, snow, fish, dirt on one lens or a part of the vehicle in
+    0.97 to 1.04 on drawn dives with noise, snow, fish, dirt on one lens or a part of the vehicle in
     view, 0.92 to 1.04 on a real dive; 0.77, 0.48, 0.31 with right images blurred by 1, 2, 3 pixels.
     """
     reach, every = DIAGNOSTICS_CONSTANTS.detail_px, DIAGNOSTICS_CONSTANTS.detail_every

@@ -57,9 +57,6 @@ class ImageErrorSettings:
     # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect
     # lens
     better: float = 0.995
-    # the same for a lens where one side is blurred: what is flattened and no term describes looks
-    # like a lens that leaves 0.97; one that was off on a real dive left 0.89
-    better_if_blurred: float = 0.95
     # standard deviation at the image's corner of each ramp and bend of the disparity that matching
     # leaves: without them the errors of twelve synthetic tracks were 1.8 times as large as stated
     disparity_px: float = 0.02
@@ -101,17 +98,18 @@ def find_image_errors(
     fit confirm none.
 
     A lens is off where that explains more in addition to flattened relief than this does alone.
-    Where a side is blurred, relief is flattened for sure, and a lens takes more evidence.
+    Where a side is blurred, relief is flattened for sure, and a lens takes more evidence: what is
+    flattened and no term describes looks like one. Of 54 synthetic dives with a perfect lens it
+    explained up to 0.3, 1.5 and 2.9 % with a blur of 1, 2 and 3 px; 0.8, 2.2 and 5.2 % are asked.
     """
-    blurred = less_sharp.is_blurred
-    better = SETTINGS.better_if_blurred if blurred else SETTINGS.better
+    better = 1 - (1 - SETTINGS.better) / less_sharp.contrast**2
     if len(pairs) < SETTINGS.min_pairs:
         return None
     some = [
         _WeighedPair.of(pair, geometry) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]
     ]
     none, relief = _left_out(some, NONE), _left_out(some, RELIEF)
-    flattened = blurred or bool((relief <= SETTINGS.better * none).all())
+    flattened = less_sharp.is_blurred or bool((relief <= SETTINGS.better * none).all())
     used = RELIEF if flattened else NONE
     for last in LAST:
         both = _left_out(some, slice(0, last))
