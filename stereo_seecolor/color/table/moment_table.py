@@ -15,6 +15,7 @@ from stereo_seecolor.color.table.range_bins import (
     LOW_BITS,
     RANGE_BINS,
     VALUE_BINS,
+    bin_values,
     range_edges_m,
 )
 from stereo_seecolor.files.deflate import deflated
@@ -75,6 +76,13 @@ class MomentTable:
         """
         below = np.cumsum(self.pixels)
         return float(self.range_m[np.searchsorted(below, below[-1] / 2)]) if below[-1] else None
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Return the (V,) value of each value bin, fraction of full scale, encoded as in the
+        image.
+        """
+        return bin_values(self.bit_depth)
 
     def __add__(self, other: "MomentTable") -> "MomentTable":
         """The table of both tables' pixels; with 8-bit values where one of them has."""
