@@ -104,8 +104,8 @@ class RangeMap:
         warnings: One line each.
         vertical_px: Vertical offset of the right image below the left one after rectification,
             pixels; NaN if unknown.
-        right_sharpness: Contrast of fine details in the right image over that in the left one;
-            NaN if unknown.
+        right_sharpness: Contrast of fine details, relative to that of coarse ones, in the right
+            image over that in the left one; NaN if unknown.
     """
 
     disparity: Map

@@ -6,7 +6,7 @@ import numpy as np
 
 from stereo_seecolor.sharpness import LessSharpSide
 
-CONTRASTS, BLURS_PX = (0.31, 0.48, 0.77, 1.0), (3.0, 2.0, 1.0, 0.0)
+CONTRASTS, BLURS_PX = (0.37, 0.53, 0.8, 1.0), (3.0, 2.0, 1.0, 0.0)
 """Contrast that is left of drawn reefs by a Gaussian blur of so many pixels."""
 
 
