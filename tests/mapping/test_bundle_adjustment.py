@@ -175,7 +175,7 @@ def test_errors_of_the_disparity_that_all_frames_share_are_in_the_standard_error
             replace(
                 own,
                 points=own.points
-                + np.tensordot(sizes, [*disparity_errors(own.points, GEOMETRY)], axes=1),
+                + np.outer(sizes @ [*disparity_errors(own.points, GEOMETRY)], [0, 0, 1]),
                 std=own.std * [1, 1, 0.02],
             )
             for own in scene.features
@@ -229,7 +229,7 @@ def test_relief_no_larger_than_noise_may_be_smoothed_away() -> None:
         averaged, smoothed = flattened_relief(replace(problem, weight=weight))
         relief = problem.seen[:, 2] - problem.seen[:, 2].mean()
         assert np.abs(averaged).max() < 1e-12
-        assert (smoothed[:, 2] @ relief) / (relief @ relief) == pytest.approx(most, abs=0.2)
+        assert (smoothed @ relief) / (relief @ relief) == pytest.approx(most, abs=0.2)
     plane = 0.5 + 0.1 * problem.seen[:, :2].sum(axis=1)
     flat = replace(problem, seen=np.column_stack([problem.seen[:, :2], plane]), near=plane)
     for error in flattened_relief(flat):

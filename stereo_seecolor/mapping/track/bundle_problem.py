@@ -207,16 +207,16 @@ class BundleProblem:
         return State(state.T @ by, state.points + points)
 
     def moves_by(self, state: State, step: Linearized, error: Array) -> Array:
-        """Compute how far frames move, (N, 6), where all is seen off by ``error`` (n, 3) in image
-        space. step: linearized there. Raises LinAlgError where the equations are singular.
+        """Compute how far frames move, (N, 6), where inverse depths are off by ``error`` (n,), 1/m.
+        step: linearized there. Raises LinAlgError where the equations are singular.
         """
         right, own = np.zeros((self._layout.place.size, SIDE)), np.empty((len(self.frame), 3))
 
         def work(one: _FrameSightings) -> None:
             by_pose, by_point = one.slopes()
-            off = one.weight * error[one.which] / (1 + one.squared / CAUCHY**2)[:, None]
-            right[one.frame] = np.einsum("kij,ki->j", by_pose, off)
-            own[one.which] = np.einsum("kij,ki->kj", by_point, off)
+            off = one.weight[:, 2] * error[one.which] / (1 + one.squared / CAUCHY**2)
+            right[one.frame] = off @ by_pose[:, 2]
+            own[one.which] = off[:, None] * by_point[:, 2]
 
         self._each_frame(state, work)
         own_g = np.add.reduceat(own, self.start[:-1])

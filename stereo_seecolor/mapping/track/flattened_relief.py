@@ -26,7 +26,7 @@ def flattened_relief(
     side is blurred, as its contrast is smaller: so they turned out on 54 drawn dives.
 
     Yields:
-        Two errors of the problem's points in image space, each (n, 3).
+        Two errors of the inverse depths of the problem's points, each (n,), 1/m.
     """
     relief, smoothed = np.zeros(len(problem.seen)), np.zeros(len(problem.seen))
     by_frame = np.argsort(problem.frame, kind="stable")
@@ -36,7 +36,5 @@ def flattened_relief(
         smoothed[own] = relief[own] * (noise / max(noise, whole))
     whole = (relief**2).sum()
     averaged = relief * ((problem.near - problem.seen[:, 2]) @ relief / whole if whole else 0.0)
-    for inverse in (averaged, smoothed):
-        error = np.zeros_like(problem.seen)
-        error[:, 2] = inverse / less_sharp.contrast
-        yield error
+    yield averaged / less_sharp.contrast
+    yield smoothed / less_sharp.contrast

@@ -20,6 +20,8 @@ Integers = NDArray[np.int64]
 
 SIDE = 6
 """Of a block."""
+ROWS = 96
+"""Of a part, for which products are made at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +130,11 @@ class FrameBlocks:
         """Compute the blocks on the diagonal of the inverse: (N, 6, 6). Raises LinAlgError."""
         size, after, found = self.layout.size, None, []
         for L, coupling in reversed(self._factors):
-            own = cho_solve((L, True), np.eye(len(L)))
+            own = cho_solve((L, True), np.eye(len(L), order="F"), overwrite_b=True)
             if after is not None and coupling is not None:
                 by_next = solve_triangular(L, coupling.T, lower=True, trans="T")
-                own += by_next @ after @ by_next.T
+                for i in range(0, len(L), ROWS):  # each product of whole parts takes as much again
+                    own[i : i + ROWS] += by_next[i : i + ROWS] @ after @ by_next.T
             found.append(
                 np.stack([own[i : i + SIDE, i : i + SIDE] for i in range(0, SIDE * size, SIDE)])
             )

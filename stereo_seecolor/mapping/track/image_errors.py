@@ -246,12 +246,10 @@ def disparity_errors(points: Array, geometry: RectifiedPair) -> Iterator[Array]:
     Ramps look like a turn of the camera, so that no dive shows them, and a track bends by them.
 
     Yields:
-        Five errors of points (n, 3) in image space, each (n, 3).
+        Five errors of the inverse depths of points (n, 3) in image space, each (n,), 1/m.
     """
     corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
     x, y = points[:, 0] / corner, points[:, 1] / corner
     inverse_m = SETTINGS.disparity_px / (geometry.focal_px * geometry.baseline_m)
     for first, second in ((x, 1.0), (y, 1.0), (x, x), (x, y), (y, y)):
-        error = np.zeros_like(points)
-        error[:, 2] = inverse_m * (first * second)
-        yield error
+        yield inverse_m * (first * second)
