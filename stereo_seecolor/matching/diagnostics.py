@@ -244,7 +244,8 @@ def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
     """
     reach, every = DIAGNOSTICS_CONSTANTS.coarse_px, DIAGNOSTICS_CONSTANTS.detail_every
     height, width = disparity.shape
-    y, x = np.mgrid[reach : height - reach : every, 0:width:every]
+    rows = np.arange(reach, height - reach, every)  # none in a small image
+    y, x = np.meshgrid(rows, np.arange(0, width, every), indexing="ij")
     known = np.isfinite(disparity[y, x])
     y, x = y[known], x[known]
     met = np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)

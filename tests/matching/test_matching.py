@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import reduced
+from stereo_seecolor.matching.diagnostics import right_sharpness
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import RangeMap, StereoFrame
@@ -352,6 +353,11 @@ def test_the_side_that_is_less_sharp_is_measured(side: str, blur_px: float, want
     ]
     found = match(swapped(exact, *noisy))
     assert found.right_sharpness == pytest.approx(wanted, rel=0.15)
+
+
+def test_sides_of_a_small_image_are_not_compared() -> None:
+    gray = np.zeros((40, 60), np.uint16)
+    assert np.isnan(right_sharpness(gray, gray, np.zeros(gray.shape, np.float32)))
 
 
 @pytest.mark.slow
