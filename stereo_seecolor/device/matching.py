@@ -99,8 +99,10 @@ class DeviceMatcher(Matcher):
         sharpness = diagnostics.right_sharpness(
             left.cpu().numpy(), right.cpu().numpy(), range_map.disparity
         )
-        range_map = replace(range_map, right_sharpness=sharpness)
-        return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
+        found_ranges = replace(
+            range_map, right_sharpness=sharpness, vertical_px=vertical_px, warnings=warnings
+        )
+        return found_ranges, detail
 
     def _reduced(self, image: Tensor) -> NDArray[np.uint16]:
         return shrink(image, self._scale).cpu().numpy().astype(np.uint16)

@@ -65,8 +65,9 @@ def seam_row(image: Image, content: bytes) -> int | None:
     green = image[:: -1 if rows_up else 1, :: SETTINGS.every, 1]
     values = (green >> 8 if green.dtype == np.uint16 else green).astype(np.int16)
     is_jpeg = content.startswith(JPEG_SIGNATURE)
-    coarsest = jpeg_quantization(content)[:1]
-    steps = _steps(values, SETTINGS.floor + SETTINGS.rounding * sum(coarsest))
+    quantization = jpeg_quantization(content)
+    rounded = SETTINGS.rounding * quantization[0] if quantization else 0.0
+    steps = _steps(values, SETTINGS.floor + rounded)
     if steps.shape[1] <= BLOCKS[-1]:
         return None
     found, row = max(

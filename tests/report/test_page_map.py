@@ -31,6 +31,12 @@ from stereo_seecolor.report.mesh_levels import levels as made_levels
 from stereo_seecolor.run_folder.layout import MESH
 
 
+@pytest.fixture
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Meshes of some thousand triangles have several levels of several pieces."""
+    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+
+
 def hills(count: int = 60, seed: int = 0) -> Piece:
     """A grid of triangles over hills, 1 cm apart, in no order; none of it is shaded as a rim."""
     rng = np.random.default_rng(seed)
@@ -120,10 +126,8 @@ def test_colors_are_a_step_of_two_off_at_most() -> None:
     assert abs(shown - mesh.colors[Walk.over(mesh.triangles).vertex]).max() <= 2
 
 
-def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+@pytest.mark.usefixtures("small_pieces")
+def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not(tmp_path: Path) -> None:
     mesh = replace(hills(), colors=np.full((3600, 3), 200, np.uint8))
     at = np.rint(100 * (mesh.points_m[:, :2] - (5, -3))).astype(int)
     hole = np.flatnonzero((at == 30).all(axis=1))
@@ -177,10 +181,8 @@ def turned_first(triangles: np.ndarray) -> list[tuple[int, ...]]:
     return sorted(min(row[i:] + row[:i] for i in range(3)) for row in rows)
 
 
-def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+@pytest.mark.usefixtures("small_pieces")
+def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(tmp_path: Path) -> None:
     mesh = hills()
     finest, *coarser = mesh_levels(mesh, 0.01, tmp_path)
     assert finest.cell_m == 0.01
@@ -225,13 +227,11 @@ def test_memory_does_not_grow_with_the_map(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 @pytest.mark.slow
-def test_no_level_has_a_gap_that_the_whole_mesh_has_not(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("small_pieces")
+def test_no_level_has_a_gap_that_the_whole_mesh_has_not(tmp_path: Path) -> None:
     """Tiles of each level, as the page unpacks them, fit without cracks: all edges of an odd number
     of triangles are of the mesh's own boundary, moved by no more than its cells.
     """
-    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
     mesh = hills()
     away = np.hypot(*(mesh.points_m[mesh.triangles].mean(axis=1)[:, :2] - (5.3, -2.7)).T)
     mesh = replace(mesh, triangles=mesh.triangles[away > 0.1])  # a gap of 20 cm
@@ -373,11 +373,9 @@ def test_a_map_that_could_not_be_packed_leaves_nothing_behind(
 
 
 @pytest.mark.slow
-def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("small_pieces")
+def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(tmp_path: Path) -> None:
     """From the list all are found, one level after the other, inside the boxes of those above."""
-    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
     out = write_map(tmp_path / "out", flat_frames(3), "prior")
     report(out)
     folder = out / "page/map"
@@ -404,10 +402,8 @@ def test_the_list_holds_the_coarsest_pieces_and_each_script_those_below_it(
 
 
 @pytest.mark.slow
-def test_a_scrap_that_no_coarser_level_shows_stays_a_piece_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.mesh_levels.SIZES", MeshSizes(300, 800))
+@pytest.mark.usefixtures("small_pieces")
+def test_a_scrap_that_no_coarser_level_shows_stays_a_piece_of_its_own(tmp_path: Path) -> None:
     out = write_map(tmp_path / "out", flat_frames(3), "prior")
     path = out / "map" / MESH
     vertices, faces = np.array(read_vertices(path)), np.array(read_triangles(path))

@@ -20,8 +20,6 @@ Integers = NDArray[np.int64]
 
 SIDE = 6
 """Of a block."""
-ROWS = 96
-"""Of a part, for which products are made at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +131,7 @@ class FrameBlocks:
             own = cho_solve((L, True), np.eye(len(L), order="F"), overwrite_b=True)
             if after is not None and coupling is not None:
                 by_next = solve_triangular(L, coupling.T, lower=True, trans="T")
-                for i in range(0, len(L), ROWS):  # each product of whole parts takes as much again
-                    own[i : i + ROWS] += by_next[i : i + ROWS] @ after @ by_next.T
+                own += by_next @ after @ by_next.T
             found.append(
                 np.stack([own[i : i + SIDE, i : i + SIDE] for i in range(0, SIDE * size, SIDE)])
             )
