@@ -380,15 +380,16 @@ def correct(
     range_map: RangeMap,
     water: Water,
     outside: Mask | None = None,
+    camera: Image | None = None,
 ) -> Correction:
     """Remove the water from a frame; with linear light in the result for ``output.image_format:
     tiff32``. Raises ColorError.
 
     A monochrome camera's frame stays monochrome. outside: (H, W) True where the right image does
-    not reach; None where that is unknown.
+    not reach; None where that is unknown. camera: as in ``Corrector.apply``.
     """
     table = corrector.measure(image, range_map.measured_m) if water.exposure is None else None
-    correction = corrector.apply(image, range_map.range_m, water, table)
+    correction = corrector.apply(image, range_map.range_m, water, table, camera=camera)
     if config.output.image_format == "tiff32":
         linear = corrector.apply_linear(
             image, range_map.range_m, water, exposure=correction.exposure

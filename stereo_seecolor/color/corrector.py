@@ -178,6 +178,7 @@ class Corrector:
         table: MomentTable | None = None,
         exposure: float | None = None,
         highlights: float = 1.0,
+        camera: Image | None = None,
     ) -> Correction:
         """Remove the water from an image, at the image's size and bit depth.
 
@@ -189,6 +190,8 @@ class Corrector:
             exposure: Gain, as in another correction; None = that of the water, or else of this
             frame, by ``config.highlights`` and ``config.median_luminance``.
             highlights: Roll-off that belongs to ``exposure``.
+            camera: The image before its light was divided out, which shows what the camera clipped;
+            None = ``image``.
 
         Returns:
             The corrected frame.
@@ -202,10 +205,12 @@ class Corrector:
             exposure, highlights = water.exposure, water.highlights
         if exposure is None:
             exposure, highlights = choose(table or self.measure(image, range_m), water, self.config)
-        return self._correct(image, range_m, water, Tone(exposure, highlights))
+        return self._correct(image, range_m, water, Tone(exposure, highlights), camera)
 
-    def _correct(self, image: Image, range_m: Map, water: Water, tone: Tone) -> Correction:
-        return correct(image, range_m, water, tone, self.config)
+    def _correct(
+        self, image: Image, range_m: Map, water: Water, tone: Tone, camera: Image | None
+    ) -> Correction:
+        return correct(image, range_m, water, tone, self.config, camera)
 
     def carry_ranges(self, image: Image, range_m: Map, seen: Mask | None = None) -> Map:
         """Fill the unknown pixels of a range map (see ``render.carried``).

@@ -14,7 +14,7 @@ from torch.nn import functional as F
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import torch_apply
-from stereo_seecolor.color.render.apply import corrected
+from stereo_seecolor.color.render.apply import brighter, corrected
 from stereo_seecolor.color.render.carried import SAMPLE, Smoother
 from stereo_seecolor.color.render.carried_colors import SETTINGS, bounds_of
 from stereo_seecolor.color.render.display import Tone, display
@@ -74,19 +74,27 @@ class DeviceCorrector(Corrector):
         )
         return MomentTable(counts.cpu().numpy(), sums.cpu().numpy(), depth)
 
-    def _correct(self, image: Image, range_m: Map, water: Water, tone: Tone) -> Correction:
+    def _correct(
+        self, image: Image, range_m: Map, water: Water, tone: Tone, camera: Image | None
+    ) -> Correction:
         check_pair(image, range_m)
+        bright = brighter(image, camera)
         by_range = gains(water, self.config, tone.exposure)
         tables = display(8 * image.dtype.itemsize, self.config.encoding, tone.highlights)
         pixels, bits = _pixels(self._memory.tensor(image)), _bits(self._memory.tensor(range_m))
         shown, unknown, unrecoverable, clipped = torch_apply.apply_on(
-            pixels, bits, by_range, tables, image.dtype == np.uint8
+            pixels,
+            _pixels(self._memory.tensor(bright)),
+            bits,
+            by_range,
+            tables,
+            image.dtype == np.uint8,
         )
         shown = shown.to(torch.uint8 if image.dtype == np.uint8 else torch.uint16).view(image.shape)
         written_to = self.config.unknown_pixels == "raw"
         whole = shown.cpu().numpy() if written_to else self._memory.array(shown)
         masks = (mask.cpu().numpy().reshape(image.shape[:2]) for mask in (unknown, unrecoverable))
-        return corrected(image, Shown(whole, *masks), clipped, water, tone, self.config)
+        return corrected(image, bright, Shown(whole, *masks), clipped, water, tone, self.config)
 
 
 def count(image: Tensor, range_m: Tensor, values: int) -> tuple[Tensor, Tensor]:

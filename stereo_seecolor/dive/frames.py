@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.original_view import OriginalView
 from stereo_seecolor.checks.exposure import exposure_warnings
-from stereo_seecolor.color.photometry.divided_light import divide_illumination
+from stereo_seecolor.color.photometry.divided_light import divide_illumination, with_clipped
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -164,9 +164,9 @@ def count_colors(
     if packed:
         return row, MomentTable.unpacked(packed)
     image, range_map = _pixels(frames, ranged, clock)
-    image = _divided(frames, light, pair.name, image, range_map.measured_m, clock)
+    divided = _divided(frames, light, pair.name, image, range_map.measured_m, clock)
     with clock("color"):
-        table = frames.source.corrector.measure(image, range_map.measured_m)
+        table = frames.source.corrector.measure(with_clipped(divided, image), range_map.measured_m)
     with clock("write"):
         cache.keep(path, key, [table.packed()])
     return row, table
@@ -311,7 +311,7 @@ def _corrected(
     image = _divided(frames, light, ranged.pair.name, before, ranges.range_m, clock)
     with clock("color"):
         exposed = exposure_warnings(before, measured.measured_m, source.corrector.config.encoding)
-        correction = correct(source.corrector, source.config, image, ranges, water, outside)
+        correction = correct(source.corrector, source.config, image, ranges, water, outside, before)
         correction = replace(correction, warnings=(*correction.warnings, *exposed))
         return _Corrected(before, measured, ranges, outside, correction)
 
@@ -339,7 +339,7 @@ def _original_files(
     """
     source, shown, rectified = frames.source, frame.correction, frame.measured
     water = replace(shown.water, exposure=shown.exposure, highlights=shown.highlights)
-    image = source.raw(pair, clock)
+    image = before = source.raw(pair, clock)
     with clock("color"):
         range_m = view.ranges(rectified.range_m)
         range_map = RangeMap.of_ranges(range_m, ~view.mask(rectified.filled))
@@ -350,7 +350,9 @@ def _original_files(
                 image, for_color.range_m, seen, source.corrector.config.encoding
             )
         outside = None if frame.outside is None else ~view.mask(~frame.outside)
-        correction = correct(source.corrector, source.config, image, for_color, water, outside)
+        correction = correct(
+            source.corrector, source.config, image, for_color, water, outside, before
+        )
     return original_files(
         pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif
     )

@@ -64,9 +64,18 @@ def test_corrections_are_equal(depth, encoding, highlights, matrix):
         image.reshape(-1, 3),
         display(depth, encoding, highlights),
     )
-    on_cores, clipped = torch_apply.on_processor(flat, bits, by_range, shown)
+    camera = np.random.default_rng(0).permutation(flat)  # other pixels are clipped
+    bright = np.maximum(flat, camera)
+    on_cores, clipped = torch_apply.on_processor(flat, bits, by_range, shown, bright)
     pixels = on(flat.astype(np.int32) if depth == 16 else flat)
-    *in_torch, also = torch_apply.apply_on(pixels, on(bits), by_range, shown, depth == 8)
+    *in_torch, also = torch_apply.apply_on(
+        pixels,
+        on(bright if depth == 8 else bright.astype(np.int32)),
+        on(bits),
+        by_range,
+        shown,
+        depth == 8,
+    )
     values, unknown, unrecoverable = (part.cpu().numpy() for part in in_torch)
     # CUDA, products of matrices and some processors fuse a product and a sum: 1 of 7749 values of
     # 16 bits is rounded otherwise

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from color_waters import clear_water
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
@@ -14,7 +15,7 @@ from stereo_seecolor.color.photometry import color_after_water
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
-from stereo_seecolor.color.photometry.divided_light import divide_illumination
+from stereo_seecolor.color.photometry.divided_light import divide_illumination, with_clipped
 from stereo_seecolor.color.photometry.light_model import (
     SHADING,
     TERMS,
@@ -27,6 +28,7 @@ from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.records import Water
 
 SIZE = (160, 128)
@@ -375,22 +377,37 @@ def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str
     assert np.abs(decoded[out] / expected - 1)[inside].max() < tolerance
 
 
-def test_what_the_camera_clipped_stays_clipped() -> None:
-    image = np.full((*SIZE[::-1], 3), 255, np.uint8)
-    out = divide_illumination(
-        image, np.full(SIZE[::-1], 2.0, np.float32), some_light().on("a", SIZE), "srgb"
-    )
-    assert (out == 255).all()
-
-
-def test_a_pixel_that_is_clipped_in_one_channel_does_not_change_its_color() -> None:
-    """The others alone would be darkened, and white sand would come out green."""
+def test_statistics_still_see_what_the_camera_clipped() -> None:
     image = np.full((*SIZE[::-1], 3), (200, 255, 230), np.uint8)
+    image[:, ::2] = 120
     brighter = replace(some_light(), gains={"a": np.full(3, 2.5)})
-    out = divide_illumination(
+    divided = divide_illumination(
         image, np.full(SIZE[::-1], 2.0, np.float32), brighter.on("a", SIZE), "srgb"
     )
-    np.testing.assert_array_equal(out, image)
+    assert divided.max() < 200
+    out = with_clipped(divided, image)
+    assert (out[:, 1::2] == image[:, 1::2]).all()
+    assert (out[:, ::2] == divided[:, ::2]).all()
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_clipped_sand_is_as_bright_as_the_sand_beside_it(depth: int) -> None:
+    """In a frame that is brighter than the others by 2.5: the camera clipped green and blue of the
+    right half.
+    """
+    full = 2**depth - 1
+    lit = np.linspace(0.6, 1.5, SIZE[0])[:, None] * np.array([0.6, 1.0, 1.0])
+    image = np.tile(np.round(encode_srgb(np.minimum(lit, 1)) * full), (SIZE[1], 1, 1))
+    image = image.astype(np.uint8 if depth == 8 else np.uint16)
+    range_m = np.full(SIZE[::-1], 2.0, np.float32)
+    brighter = Light(np.zeros((TERMS, 3)), 2.0, (1.2, 3.0), {"a": np.full(3, np.log(2.5))})
+    divided = divide_illumination(image, range_m, brighter.on("a", SIZE), "srgb")
+    water = replace(clear_water("srgb"), white=np.array([0.6, 1.0, 1.0]))
+    shown = Corrector(ColorConfig()).apply(divided, range_m, water, exposure=1.0, camera=image)
+    row = shown.image[5].astype(float) / full
+    assert shown.unrecoverable[5].mean() > 0.4
+    assert np.abs(np.diff(row, axis=0)).max() < 0.02, "no edge where the camera clipped"
+    assert np.ptp(row, axis=1).max() < 0.02, "white from end to end"
 
 
 def crossing(pictures: float, patches: int = 800) -> list[Observations]:

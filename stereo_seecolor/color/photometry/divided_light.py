@@ -30,8 +30,8 @@ def divide_illumination(
 ) -> Image:
     """Divide an image by the pattern of the light and by the gain and shading of the frame.
 
-    Values above full scale are clipped. Values that the camera clipped stay clipped, and the other
-    channels of such a pixel do not get darker, because the pixel would change its color.
+    Values above full scale are clipped. Values that the camera clipped are divided, too: only the
+    image itself still shows which they are (``with_clipped``).
 
     Args:
         image: (H, W, 3) RGB, uint8 or uint16.
@@ -44,7 +44,6 @@ def divide_illumination(
     """
     out = np.empty_like(image)
     log_range = light.light.log_range(range_m).astype(np.float32)
-    clipped = int(np.ceil(FULL_AT * np.iinfo(image.dtype).max))
     scale = _scale(8 * image.dtype.itemsize, encoding)
     _even(
         np.ascontiguousarray(image),
@@ -53,10 +52,24 @@ def divide_illumination(
         light.log_gain.astype(np.float32),
         light.log_shading,
         scale,
-        clipped,
         out,
     )
     return out
+
+
+def with_clipped(divided: Image, image: Image) -> Image:
+    """Give the pixels that the camera clipped at least their own values, so that statistics take
+    them for lower bounds.
+
+    Args:
+        divided: (H, W, 3), the image without its light.
+        image: (H, W, 3), the image itself.
+
+    Returns:
+        (H, W, 3), the divided image; clipped pixels are as bright as in the image.
+    """
+    clipped = (image >= FULL_AT * np.iinfo(image.dtype).max).any(axis=2, keepdims=True)
+    return np.maximum(divided, image, where=clipped, out=divided.copy())
 
 
 @lru_cache
@@ -81,26 +94,25 @@ def _even(
     log_gain: Any,
     log_shading: Any,
     scale: Any,
-    clipped: int,
     out: Any,
 ) -> None:
-    """Divide pattern, gain and shading out, into ``out``. clipped: least value that may be so."""
+    """Divide pattern, gain and shading out, into ``out``."""
     (lights, values), most = scale, np.float32(MOST)
     last = values.size - 1
     step = np.float32(last / -DARKEST)
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
             z = log_range[row, column]
-            is_clipped = (
-                max(image[row, column, 0], image[row, column, 1], image[row, column, 2]) >= clipped
-            )
             for c in range(3):
-                value = image[row, column, c]
                 pattern = np.float32(0)
                 for k in range(maps.shape[3] - 1, -1, -1):
                     pattern = pattern * z + maps[row, column, c, k]
                 pattern = min(max(pattern, -most), most)
-                light = lights[value] - pattern - log_gain[c] - log_shading[row, column, c]
+                light = (
+                    lights[image[row, column, c]]
+                    - pattern
+                    - log_gain[c]
+                    - log_shading[row, column, c]
+                )
                 at = np.int64((light - np.float32(DARKEST)) * step + np.float32(0.5))
-                shown = values[min(max(at, 0), last)]
-                out[row, column, c] = max(shown, value) if is_clipped else shown
+                out[row, column, c] = values[min(max(at, 0), last)]

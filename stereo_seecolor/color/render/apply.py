@@ -20,7 +20,12 @@ NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
 
 
 def correct(
-    image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig
+    image: Image,
+    range_m: Map,
+    water: Water,
+    tone: Tone,
+    config: ColorConfig,
+    camera: Image | None = None,
 ) -> Correction:
     """Correct an image at its size and bit depth.
 
@@ -31,6 +36,8 @@ def correct(
         tone: Exposure and roll-off of highlights.
         config: Settings of the color stage; by ``config.unknown_pixels``, pixels of unknown range
             are black or raw.
+        camera: (H, W, 3), the image before its light was divided out, which shows what the camera
+            clipped; None = ``image``.
 
     Returns:
         The corrected frame.
@@ -40,26 +47,38 @@ def correct(
     check_pair(image, range_m)
     bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
+    bright = brighter(image, camera)
     by_range = gains(water, config, tone.exposure)
     tables = display(8 * image.dtype.itemsize, config.encoding, tone.highlights)
-    shown, clipped = torch_apply.on_processor(flat, bits, by_range, tables)
+    shown, clipped = torch_apply.on_processor(flat, bits, by_range, tables, bright.reshape(-1, 3))
     whole = Shown(
         shown.image.reshape(image.shape),
         shown.unknown.reshape(shape),
         shown.unrecoverable.reshape(shape),
     )
-    return corrected(image, whole, clipped, water, tone, config)
+    return corrected(image, bright, whole, clipped, water, tone, config)
+
+
+def brighter(image: Image, camera: Image | None) -> Image:
+    """The greater of the values of an image and of the camera, by which clipped ones are known."""
+    return np.ascontiguousarray(image if camera is None else np.maximum(image, camera))
 
 
 def corrected(
-    image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig
+    image: Image,
+    bright: Image,
+    shown: Shown,
+    clipped: float,
+    water: Water,
+    tone: Tone,
+    config: ColorConfig,
 ) -> Correction:
-    """Make the correction of an image from its corrected pixels. clipped: fraction of clipped
-    ones.
+    """Make the correction of an image from its corrected pixels. bright: see ``brighter``. clipped:
+    fraction of clipped pixels.
     """
     unknown = shown.unknown
     empty = NOTHING_KNOWN if unknown.all() else ""
-    pixels = carry_hue(shown, image)
+    pixels = carry_hue(shown, bright)
     if config.unknown_pixels == "raw":
         pixels[unknown] = image[unknown]
     return Correction(

@@ -26,15 +26,15 @@ NEARLY_GRAY = 0.04
 """Relative difference of channels below which the correction made them equal."""
 
 
-def carry_hue(shown: Shown, image: Image) -> NDArray[Any]:
+def carry_hue(shown: Shown, bright: Image) -> NDArray[Any]:
     """Give pixels without a hue that of their clipped neighbors; return the corrected image.
 
     Args:
         shown: The correction.
-        image: (H, W, 3), the raw image.
+        bright: (H, W, 3), values by which clipped pixels are known.
     """
-    at, top = np.flatnonzero(shown.unrecoverable), np.iinfo(image.dtype).max
-    camera, colors = image.reshape(-1, 3)[at], shown.image.reshape(-1, 3)
+    at, top = np.flatnonzero(shown.unrecoverable), np.iinfo(bright.dtype).max
+    camera, colors = bright.reshape(-1, 3)[at], shown.image.reshape(-1, 3)
     lost = (camera > FULL_FROM * top).sum(axis=1)
     clipped = camera.max(axis=1) >= FULL_AT * top
     most, least = colors[at].max(axis=1), colors[at].min(axis=1)
@@ -42,11 +42,11 @@ def carry_hue(shown: Shown, image: Image) -> NDArray[Any]:
     if not no_hue.any():
         return shown.image
     partly = at[clipped & ~no_hue]
-    hue = np.zeros((image.shape[0] * image.shape[1], 4), np.float32)
+    hue = np.zeros((bright.shape[0] * bright.shape[1], 4), np.float32)
     hue[partly, :3] = colors[partly] / np.maximum(colors[partly].max(axis=1, keepdims=True), 1)
     hue[partly, 3] = 1
-    across = max(LEAST_PX, round(WIDTH * image.shape[1]))
-    mean = cv2.blur(hue.reshape(*image.shape[:2], 4), (across, across)).reshape(-1, 4)[at[no_hue]]
+    across = max(LEAST_PX, round(WIDTH * bright.shape[1]))
+    mean = cv2.blur(hue.reshape(*bright.shape[:2], 4), (across, across)).reshape(-1, 4)[at[no_hue]]
     mixed = (mean[:, :3] + GRAY) / (mean[:, 3:] + GRAY)
     mixed /= mixed.max(axis=1, keepdims=True)
     one = np.arange(len(mixed)), camera[no_hue].argmin(axis=1)

@@ -52,15 +52,23 @@ def fine_bins(bits: Any, fine: Any, unknown: Any) -> Any:
 
 @compiled
 def look_up(
-    image: Any, fine: Any, table: Any, roll_off: Any, limits: Any, special: Any, out: Any
+    image: Any,
+    bright: Any,
+    fine: Any,
+    table: Any,
+    roll_off: Any,
+    limits: Any,
+    special: Any,
+    out: Any,
 ) -> Any:
     """Write the displayed values (N * 3,) of 8-bit pixels; 0 where the range is unknown.
 
     table (1025 * 768,): displayed values by fine range bin, channel and value; or codes, to be
     multiplied by a factor for the greatest code of the pixel. roll_off: factors (65536,), empty if
     the table contains values; and the number to subtract.
-    limits: bins (1025,) that must be computed, and the least value of a pixel that must be
-    computed. Writes the indices of these pixels into ``special``, and returns their number.
+    limits: bins (1025,) that must be computed, and the least value in ``bright`` (N * 3,) of a
+    pixel that must be computed. Writes the indices of these pixels into ``special``, and returns
+    their number.
     """
     (factors, zero), (capped, near), number = roll_off, limits, L(0)
     codes = np.empty(3 * BLOCK, table.dtype)
@@ -79,9 +87,10 @@ def look_up(
         else:
             _take(pixels, bins, table, codes)
             _display(codes, factors, zero, by_pixel, shown)
-        highest, farthest = pixels[0], np.uint32(0)
-        for i in range(pixels.size):
-            highest = max(highest, pixels[i])
+        lit = bright[3 * start : 3 * end]
+        highest, farthest = lit[0], np.uint32(0)
+        for i in range(lit.size):
+            highest = max(highest, lit[i])
         for i in range(bins.size):
             farthest = max(farthest, bins[i] * np.uint32(bins[i] != np.uint32(FINE_BINS)))
         if highest >= near or farthest >= first_capped:
@@ -89,7 +98,7 @@ def look_up(
                 special[number] = start + i
                 must = (
                     capped[L(bins[i])]
-                    or max(pixels[3 * i], max(pixels[3 * i + 1], pixels[3 * i + 2])) >= near
+                    or max(lit[3 * i], max(lit[3 * i + 1], lit[3 * i + 2])) >= near
                 )
                 number += L(must and bins[i] != np.uint32(FINE_BINS))
     return number

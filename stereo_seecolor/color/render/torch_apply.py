@@ -58,9 +58,14 @@ class Tensors(NamedTuple):
 
 
 def on_processor(
-    image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display
+    image: NDArray[Any],
+    bits: NDArray[np.int32],
+    gains: Gains,
+    shown: Display,
+    bright: NDArray[Any],
 ) -> tuple[Shown, float]:
-    """Correct (N, 3) pixels at (N,) ranges, given as float32 bits, on the processor.
+    """Correct (N, 3) pixels at (N,) ranges, given as float32 bits, on the processor. bright (N, 3):
+    values by which clipped pixels are known.
 
     Returns the corrected pixels, and the fraction of pixels with a range that are at full scale.
     """
@@ -95,7 +100,14 @@ def on_processor(
             special, roll_off = np.empty(b - a, np.uint32), (factors, shown.shoulder[4])
             limits = gains.capped, first_capped
             number = look_up(
-                image[a:b].reshape(-1), fine[a:b], table, roll_off, limits, special, shown_part
+                image[a:b].reshape(-1),
+                bright[a:b].reshape(-1),
+                fine[a:b],
+                table,
+                roll_off,
+                limits,
+                special,
+                shown_part,
             )
             at = special[:number].astype(np.int64) + a
         else:
@@ -104,6 +116,7 @@ def on_processor(
             with one_thread():
                 values, lost = _displayed(
                     pixels_on(image[some], CPU),
+                    pixels_on(bright[some], CPU),
                     torch.from_numpy(fine[some].astype(np.int32)),
                     tensors,
                     top == 255,
@@ -116,17 +129,18 @@ def on_processor(
 
 
 def apply_on(
-    pixels: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool
+    pixels: Tensor, bright: Tensor, bits: Tensor, gains: Gains, shown: Display, eight: bool
 ) -> tuple[Tensor, Tensor, Tensor, float]:
-    """Correct (N, 3) pixels at (N,) ranges, given as bits, on a device. eight: 8 bits, else 16.
+    """Correct (N, 3) pixels at (N,) ranges, given as bits, on a device. bright: as in
+    ``on_processor``. eight: 8 bits, else 16.
 
     Returns int32 pixels, masks of unknown ranges and of lost colors, and the clipped fraction.
     """
     device, fine = pixels.device, (positions(bits) >> FINE_SHIFT).to(torch.int32)
     tensors, unknown = Tensors.of(gains, shown, device), fine == FINE_BINS
-    values, lost = _displayed(pixels, fine, tensors, eight)
+    values, lost = _displayed(pixels, bright, fine, tensors, eight)
     if eight and not gains.matrix.size:
-        known = (_at(tensors.known, pixels.to(torch.int32)) == 1).all(dim=1)
+        known = (_at(tensors.known, bright.to(torch.int32)) == 1).all(dim=1)
         plain = ~_at(tensors.capped, fine) & known & ~unknown
         table = on_device(
             code_table(tensors, shown, slice(0, FINE_BINS)).astype(np.float32), device
@@ -178,12 +192,11 @@ def code_table(tensors: Tensors, shown: Display, bins: slice) -> NDArray[Any]:
 
 
 def _displayed(
-    pixels: Tensor, fine: Tensor, tensors: Tensors, eight_bits: bool
+    pixels: Tensor, bright: Tensor, fine: Tensor, tensors: Tensors, eight_bits: bool
 ) -> tuple[Tensor, Tensor]:
     """Displayed values (N, 3) int32 of pixels at (N,) fine bins, and where color is lost (N,)."""
-    pixels = pixels.to(torch.int32)
-    known = _at(tensors.known, pixels)
-    light = _mixed(_with_clipped(_unclipped(pixels, fine, tensors), known), tensors)
+    known = _at(tensors.known, bright.to(torch.int32))
+    light = _mixed(_with_clipped(_unclipped(pixels.to(torch.int32), fine, tensors), known), tensors)
     place = (
         _above_noise(light, _at(tensors.noise, fine)[:, None]) * NODES + 0.5 * eight_bits
     ).clamp_(0, tensors.curve.numel() - 2)

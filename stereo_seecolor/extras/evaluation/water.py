@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.divided_light import divide_illumination
+from stereo_seecolor.color.photometry.divided_light import divide_illumination, with_clipped
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.observations import KeyFrame
 from stereo_seecolor.color.render.carried import carry_ranges
@@ -260,7 +260,8 @@ class _TargetSearch:
             range_m = carry_ranges(image, range_m)
         if self.light and found:
             light = self.light.on(name, (image.shape[1], image.shape[0]))
-            image = divide_illumination(image, range_m, light, self.water.input_encoding)
+            divided = divide_illumination(image, range_m, light, self.water.input_encoding)
+            image = with_clipped(divided, image)
         return list(seen_whites(name, found, image, range_m, self.water))
 
 
