@@ -250,8 +250,10 @@ class Pipeline:
     def _response_of(self, frame: StereoFrame) -> Response:
         """The response of a frame that came without a dive: the first one is measured."""
         if self._measures_response:
-            self.response = measure_response([frame.left]).response
-            self._measures_response = False
+            found = measure_response([frame.left])
+            self.response, self._measures_response = found.response, False
+            color = self.config.color.model_copy(update=found.settings)
+            self.corrector.config = standard_config(color)
         return self.response.of_frame(frame.left)
 
     def match(self, frame: StereoFrame) -> RangeMap:
@@ -324,7 +326,6 @@ class Stream:
 
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline, self.fitted_s = pipeline, 0.0
-        self._corrector = Corrector(pipeline.corrector.config.of_dive())
         self._fitter = SlidingFitter(pipeline.config.color, self._fit)
         self._until_s: float | None = None
 
@@ -368,7 +369,8 @@ class Stream:
         return self.pipeline.process(frame, water, match)
 
     def _fit(self, table: MomentTable, start: Water | None) -> Water:
-        water = self._corrector.fit(table, start, self._until_s)
+        config = self.pipeline.corrector.config.of_dive()
+        water = Corrector(config).fit(table, start, self._until_s)
         self.fitted_s = time.perf_counter()
         return water
 

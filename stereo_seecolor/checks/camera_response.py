@@ -52,10 +52,7 @@ def settle_response(
     if has_right:
         files = [pair.right for pair in evenly_spaced(pairs, RIGHT_FRAMES)]
         right = _measured(files, _read(files, config.input))
-    settings = left.response.settings
-    if left.verdict == "undecided":
-        settings |= {"input_encoding": "unknown"}
-    color = config.color.model_copy(update=settings)
+    color = config.color.model_copy(update=left.settings)
     notes = (*_notes(left, right), *_balanced(images))
     return config.model_copy(update={"color": color}), notes
 

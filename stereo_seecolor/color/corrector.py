@@ -103,7 +103,8 @@ class Corrector:
                     "no pixel with a known range: there is nothing to fit the water to"
                 )
             return start
-        return replace(self._fit(table, start, until_s), typical_range_m=table.median_range_m)
+        fitted = with_doubt_of_response(self._fit(table, start, until_s), table, self.config)
+        return replace(fitted, typical_range_m=table.median_range_m)
 
     def _fit(self, table: MomentTable, start: Water | None, until_s: float | None) -> Water:
         if self.config.method == "robust":
@@ -159,8 +160,7 @@ class Corrector:
         config = settings_under(self.config.of_dive(), light)
 
         def fit(table: MomentTable, start: Water | None) -> Water:
-            fitted = Corrector(config).fit(table, start)
-            return with_doubt_of_response(lit_by(fitted, light), fitted, table, config)
+            return lit_by(Corrector(config).fit(table, start), light)
 
         if config.lock == "frame":
             return FrameFitter(fit, linked)

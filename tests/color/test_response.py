@@ -24,7 +24,7 @@ from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
 from stereo_seecolor.inputs.stated_encoding import COLOR_SPACE, EXIF_IFD, SRGB, stated_encoding
-from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.pipeline import Pipeline, Stream
 from stereo_seecolor.records import Image, StereoFrame, Water
 
 LIGHT = [drawn_light(seed) for seed in range(4)]
@@ -307,6 +307,20 @@ def test_a_stream_measures_its_first_frame() -> None:
         shown[encoding] = pipeline.process(StereoFrame("1", *linear)).frame.left
     assert pipeline.response.encoding == "linear"
     assert np.array_equal(shown["auto"], shown["linear"])
+
+
+@pytest.mark.slow
+def test_a_stream_of_an_unmeasured_response_states_larger_errors() -> None:
+    reef = Path("data_samples/reef")
+    pair = pair_folders(reef / "left", reef / "right", InputConfig()).pairs[0]
+    smooth = [cv2.medianBlur(read_image(path), 9) for path in (pair.left, pair.right)]
+    errors = {}
+    for encoding in ("auto", "srgb"):
+        config = RunConfig.model_validate({"color": {"input_encoding": encoding}})
+        stream = Stream(Pipeline(reef / "cam.yaml", config))
+        water = stream.process(StereoFrame("1", *smooth)).correction.water
+        errors[encoding] = water.standard_errors["white"]
+    assert (errors["auto"] > errors["srgb"]).all()
 
 
 @pytest.mark.slow

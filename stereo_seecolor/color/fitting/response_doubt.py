@@ -9,17 +9,14 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import PerChannel, Water
 
 
-def with_doubt_of_response(
-    water: Water, fitted: Water, table: MomentTable, config: ColorConfig
-) -> Water:
+def with_doubt_of_response(water: Water, table: MomentTable, config: ColorConfig) -> Water:
     """Add the doubt of an unmeasured response to the standard errors of a water.
 
     The other reading is that values are linear light; those of a flatter curve lie between the two.
     Half the difference is added in quadrature, so that two standard errors cover both readings.
 
     Args:
-        water: The water, with standard errors.
-        fitted: The fit to ``table`` from which it comes.
+        water: The fit to ``table``, with standard errors.
         table: The moment table.
         config: Settings of the color stage.
 
@@ -30,14 +27,12 @@ def with_doubt_of_response(
         return water
     from stereo_seecolor.color.fitting import robust  # loads torch
 
-    other = robust.fit(table, config.model_copy(update={"input_encoding": "linear"}), fitted)
-    differences = {
-        name: getattr(other, name) - getattr(fitted, name) for name in ("y", "w", "beta")
-    }
-    differences["white"] = water.white * (_color(other.white) - _color(fitted.white))
+    other = robust.fit(table, config.model_copy(update={"input_encoding": "linear"}), water)
+    differences = {name: getattr(other, name) - getattr(water, name) for name in ("y", "w", "beta")}
+    differences["white"] = water.white * (_color(other.white) - _color(water.white))
     # as a fraction of the light that arrives, because readings differ in brightness
     differences["gamma_inf"] = water.white * (
-        other.gamma_inf / other.white - fitted.gamma_inf / fitted.white
+        other.gamma_inf / other.white - water.gamma_inf / water.white
     )
     return replace(
         water,

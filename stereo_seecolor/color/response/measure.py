@@ -7,7 +7,7 @@ compression has changed the noise, nothing is decided.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -67,6 +67,12 @@ class MeasuredResponse:
     response: Response
     verdict: Literal["linear", "encoded", "undecided"]
     ratio: float
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Return the settings of ``ColorConfig`` for this response, measured or unknown."""
+        unknown = {"input_encoding": "unknown"} if self.verdict == "undecided" else {}
+        return self.response.settings | unknown
 
     @property
     def line(self) -> str:
