@@ -13,9 +13,9 @@ from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import rigid
 from calibration.rig import Camera, StereoRig
 from calibration.rig_errors import RigErrors
+from calibration.transforms import rigid_transform
 
 Size = tuple[int, int]
 STDS = 3
@@ -46,7 +46,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         R = fields.matrix("R", 3, 3)
     T, doubts = to_meters(fields.numbers("T", 3), "millimeters")
     with naming(fields.where):
-        return StereoRig(left, right, rigid(R, T), doubts=doubts, errors=_errors(fields))
+        return StereoRig(left, right, rigid_transform(R, T), doubts=doubts, errors=_errors(fields))
 
 
 def _errors(fields: Section) -> RigErrors | None:

@@ -14,8 +14,9 @@ from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, rigid
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import rigid_transform
 
 SIZES = {
     "4K": (3840, 2160),
@@ -60,7 +61,10 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
         )
     )[0]
     with naming(document.where):
-        rigs = [StereoRig(left, right, rigid(Q, T), "air", reading=text) for Q, text in _senses(R)]
+        rigs = [
+            StereoRig(left, right, rigid_transform(Q, T), "air", reading=text)
+            for Q, text in _senses(R)
+        ]
     return rigs[0].with_alternatives(rigs[1:])
 
 

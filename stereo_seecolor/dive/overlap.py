@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import inverse
 from stereo_seecolor.color.photometry.observations import (
     KeyFrame,
     Observations,
@@ -20,7 +21,6 @@ from stereo_seecolor.color.photometry.observations import (
 )
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
-from stereo_seecolor.geometry import estimated_range_std_m, inverse
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import RelativePose, relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
@@ -221,7 +221,7 @@ class FrameMatcher:
         shown = small if small.dtype == np.uint8 else (small >> 8).astype(np.uint8)
         known = np.isfinite(ranges).astype(np.uint8) * np.uint8(255)
         shown_frame = SurveyFrame(
-            "", None, shown, ranges, estimated_range_std_m(ranges, geometry), known
+            "", None, shown, ranges, geometry.estimated_range_std_m(ranges), known
         )
         seen = _Seen(
             number, KeyFrame(small, ranges, np.eye(4)), detect(shown_frame, geometry, FEATURES)

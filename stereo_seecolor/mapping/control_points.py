@@ -8,13 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_alignment, scale_of, similarity_alignment, transform_points
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import (
-    rigid_alignment,
-    scale_of,
-    similarity_alignment,
-    transform_points,
-)
 from stereo_seecolor.mapping.marker_tables import USUAL_STD_M
 from stereo_seecolor.mapping.placed_markers import UNITS, PlacedMarker
 

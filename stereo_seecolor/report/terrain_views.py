@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.geometry import inverse, transform_points
+from calibration.transforms import inverse, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun

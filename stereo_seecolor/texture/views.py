@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import transform_points
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.surface import PaintedSurface

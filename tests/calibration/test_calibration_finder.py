@@ -18,7 +18,7 @@ from test_calibration_formats import seen
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import load_rig
-from calibration.geometry import inverse_transform
+from calibration.transforms import inverse
 
 RIG = small_rig()
 R, T = RIG.R, RIG.T_right_left[:3, 3]
@@ -83,11 +83,11 @@ NESTED: dict[str, dict[str, Any]] = {
     },
     "a transform the other way": {
         "imgSize_left": [640, 480], "left": LEFT, "right": RIGHT,
-        "T_right_to_left": inverse_transform(RIG.T_right_left),
+        "T_right_to_left": inverse(RIG.T_right_left),
     },
     "poses of cameras on a body": {
         "left_params": lens(RIG.left, T_SC=np.eye(4)), "right_params": lens(RIG.right,
-        T_SC=inverse_transform(RIG.T_right_left)),
+        T_SC=inverse(RIG.T_right_left)),
     },
     "a pose for each camera": {
         "cam_1": {"matrix": RIG.left.K, "distortions": RIG.left.distortion, "size": [640, 480],
@@ -236,7 +236,7 @@ def test_projections_in_block_yaml_are_not_kittis(unit: float, tmp_path: Path) -
 
 @pytest.mark.parametrize("inverse", [False, True])
 def test_a_transform_of_open_sense_carries_both_readings(inverse: bool, tmp_path: Path) -> None:
-    transform = inverse_transform(RIG.T_right_left) if inverse else RIG.T_right_left
+    transform = inverse(RIG.T_right_left) if inverse else RIG.T_right_left
     matrices = {
         "LEFT.K": RIG.left.K,
         "LEFT.D": RIG.left.distortion,

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration import Camera, Rectification, RectifiedPair, StereoRig
-from stereo_seecolor.geometry import rotation_from_vector
+from calibration.transforms import rotation_from_vector
 
 PAIR = RectifiedPair(
     focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60)

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from calibration.transforms import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.mapping.navigation.upright import upright

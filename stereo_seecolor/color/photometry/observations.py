@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import transform_points
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Image, Map
 
 Vector = NDArray[np.float64]

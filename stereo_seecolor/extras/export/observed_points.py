@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import transform_points
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.layout import CLOUD
 from stereo_seecolor.run_folder.posed_run import PosedRun

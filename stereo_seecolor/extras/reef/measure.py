@@ -28,7 +28,6 @@ from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
 from stereo_seecolor.extras.reef.polygons import crosses_itself
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.files import csv_tables
-from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.report.calibration_std import calibration_std
@@ -138,7 +137,7 @@ def surface_of(run: FinishedRun, name: str) -> FrameSurface:
     if "range_std" in frame.products:
         std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
     else:
-        std_m = estimated_range_std_m(range_m, geometry)
+        std_m = geometry.estimated_range_std_m(range_m)
     # as the page holds them
     return FrameSurface(geometry, range_m, std_from_codes(std_codes(std_m)))
 

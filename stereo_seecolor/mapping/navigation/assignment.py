@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
+from calibration.transforms import interpolate
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.names import folder_keys, stem_of_path
-from stereo_seecolor.geometry import interpolate
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.survey_frames import Unplaced

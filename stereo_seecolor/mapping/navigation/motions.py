@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.geometry import inverse, rotation_vector, transform_points
+from calibration.transforms import inverse, rotation_vector, transform_points
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Array = NDArray[np.float64]

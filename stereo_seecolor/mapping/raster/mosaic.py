@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.transforms import inverse
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
-from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid

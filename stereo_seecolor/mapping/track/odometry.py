@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import inverse, nearest_rotation, rigid_transform, transform_points
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transform_points
 from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
@@ -338,5 +338,7 @@ def move_to_priors(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequenc
     positions = np.stack([T[prior.frame, :3, 3] for prior in priors])
     targets = np.stack([prior.T_world_camera[:3, 3] for prior in priors])
     moved = T.copy()
-    moved[frames] = pose(R, targets.mean(axis=0) - R @ positions.mean(axis=0)) @ T[frames]
+    moved[frames] = (
+        rigid_transform(R, targets.mean(axis=0) - R @ positions.mean(axis=0)) @ T[frames]
+    )
     return moved

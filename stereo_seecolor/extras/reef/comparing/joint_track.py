@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import transform_points
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.site_surface import Site
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import ReadableFrames

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibration.robust_statistics import TUKEY, biweight, deviation
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
-from stereo_seecolor.geometry import rotation_from_vector, transform_points
 
 Array = NDArray[np.float64]
 
@@ -128,10 +128,8 @@ class _Distances:
 
     def moved(self, T: Array, step: Array) -> Array:
         """T followed by a step about the center."""
-        turn = np.eye(4)
-        turn[:3, :3] = rotation_from_vector(step[:3])
-        turn[:3, 3] = self.center_m - turn[:3, :3] @ self.center_m + step[3:]
-        return np.asarray(turn @ T)
+        R = rotation_from_vector(step[:3])
+        return np.asarray(rigid_transform(R, self.center_m - R @ self.center_m + step[3:]) @ T)
 
     def covariance(self) -> Array:
         """(6, 6) by leaving out one block of ground at a time."""
