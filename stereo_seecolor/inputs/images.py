@@ -30,7 +30,8 @@ def read_image(path: str | Path, config: InputConfig | None = None) -> Image:
     16-bit picture.
     """
     path = Path(path)
-    return decode_image(read_image_bytes(path), path, config or InputConfig())
+    content = read_image_bytes(path)
+    return decode_image(content, path, config or InputConfig())
 
 
 def as_image(values: Any, what: str) -> Image:
