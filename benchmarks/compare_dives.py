@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from arguments import words_of
 from numpy.typing import NDArray
+from reef_changes import Change, changed_reef
 
 from calibration.formats import native
 from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
@@ -22,7 +23,6 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.extras.synthetic.reef import Reef
-from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.tum import write_tum

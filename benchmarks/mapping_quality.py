@@ -17,6 +17,11 @@ import cv2
 import numpy as np
 import rasterio
 from arguments import words_of
+from map_errors import (
+    nearest_distance_m,
+    surface_points,
+    trajectory_error,
+)
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -24,11 +29,6 @@ from calibration import RectifiedPair
 from calibration.transforms import rigid_alignment
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.extras.evaluation.map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
 from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.render import Scene

@@ -25,15 +25,15 @@ import cv2
 import numpy as np
 from arguments import parser_of, sides
 from compare import REPOSITORY, SAMPLE, machine
-from numpy.typing import NDArray
-from platformdirs import user_cache_path
-
-from calibration.transforms import rigid_alignment, transform_points
-from stereo_seecolor.extras.evaluation.map_errors import (
+from map_errors import (
     nearest_distance_m,
     surface_points,
     trajectory_error,
 )
+from numpy.typing import NDArray
+from platformdirs import user_cache_path
+
+from calibration.transforms import rigid_alignment, transform_points
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices

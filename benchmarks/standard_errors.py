@@ -21,6 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from reef_changes import Change, changed_reef
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
@@ -44,7 +45,6 @@ from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, open_site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.reef import CELL_M
-from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.free_places import new_folder

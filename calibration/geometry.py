@@ -170,8 +170,14 @@ class RectifiedPair:
         return np.asarray(self.rays * range_m[..., None])
 
     def estimated_range_std_m(self, range_m: Map) -> Map:
-        """Standard error of ranges (H, W) whose own is not known: range depth std / (f B), with
-        DISPARITY_STD_PX as std.
+        """Estimate the standard errors of ranges whose own are not known: range depth std / (f B),
+        with DISPARITY_STD_PX as std.
+
+        Args:
+            range_m: (H, W) float32, meters along the ray.
+
+        Returns:
+            (H, W) float32, meters; NaN where the range is unknown.
         """
         scale = np.float32(DISPARITY_STD_PX / (self.focal_px * self.baseline_m))
         return (range_m * self.depth_from_range(range_m) * scale).astype(np.float32)

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.transforms import rigid_alignment, rotation_from_vector, transform_points
-from stereo_seecolor.extras.evaluation.map_errors import (
+from benchmarks.map_errors import (
     nearest_distance_m,
     surface_points,
     trajectory_error,
 )
+from calibration.transforms import rigid_alignment, rotation_from_vector, transform_points
 
 
 @pytest.mark.slow

@@ -14,11 +14,11 @@ from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.map_errors import trajectory_error
 from calibration.transforms import inverse, quaternion, rigid_transform, rotation_from_vector
 from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.extras.evaluation.map_errors import trajectory_error
 from stereo_seecolor.mapping import placing
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation import spot_check as spot_check_file

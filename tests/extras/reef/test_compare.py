@@ -16,6 +16,7 @@ from json_shapes import SHAPES, mismatch
 from mapping_scene import PAIR, ReefFrames, flat_frames, write_map, write_run
 from numpy.typing import NDArray
 
+from benchmarks.reef_changes import Change, changed_reef
 from calibration.transforms import (
     inverse,
     rigid_transform,
@@ -46,7 +47,6 @@ from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, open_site
 from stereo_seecolor.extras.synthetic.reef import Reef
-from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
