@@ -5,7 +5,7 @@ the optical axis; ``range_m`` is the distance along the ray, which is what water
 unknown and stays NaN.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -168,6 +168,38 @@ class RectifiedPair:
             (H, W, 3) float32, meters; NaN where the range is unknown.
         """
         return np.asarray(self.rays * range_m[..., None])
+
+    def project(self, points_m: Array) -> Array:
+        """Compute the pixels of the left image that show points.
+
+        Args:
+            points_m: (..., 3) in the axes of the rectified left camera.
+
+        Returns:
+            (..., 2) x and y; (0, 0) is the center of the top left pixel.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = self.focal_px * points_m[..., :2] / points_m[..., 2:]
+        return np.asarray(pixels + np.array([self.cx_left_px, self.cy_px]))
+
+    def reduced(self, factor: int) -> "RectifiedPair":
+        """The geometry of images in which each pixel is the mean of ``factor`` x ``factor``
+        pixels, without incomplete blocks at the end.
+
+        Args:
+            factor: How many times fewer pixels along each side.
+
+        Returns:
+            The geometry.
+        """
+        return replace(
+            self,
+            focal_px=self.focal_px / factor,
+            cx_left_px=(self.cx_left_px + 0.5) / factor - 0.5,
+            cx_right_px=(self.cx_right_px + 0.5) / factor - 0.5,
+            cy_px=(self.cy_px + 0.5) / factor - 0.5,
+            image_size=(self.image_size[0] // factor, self.image_size[1] // factor),
+        )
 
     def estimated_range_std_m(self, range_m: Map) -> Map:
         """Estimate the standard errors of ranges whose own are not known: range depth std / (f B),

@@ -277,13 +277,3 @@ def _far_back(frame: _Placed, number: int) -> _Placed:
 def reduction(geometry: RectifiedPair) -> int:
     """Pixels of the image in a pixel of the reduced image, along each side."""
     return max(1, round(geometry.image_size[0] / LOOK.width_px))
-
-
-def reduced(geometry: RectifiedPair, every: int | None = None) -> RectifiedPair:
-    """The geometry of images reduced ``every`` times; None: by ``reduction``."""
-    every = every or reduction(geometry)
-    cx, cx_right, cy = (
-        (c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px)
-    )
-    size = geometry.image_size[0] // every, geometry.image_size[1] // every
-    return RectifiedPair(geometry.focal_px / every, cx, cx_right, cy, geometry.baseline_m, size)

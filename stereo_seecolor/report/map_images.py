@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.rasters import can_read_rasters, open_raster
+from stereo_seecolor.mapping.raster.grid import Grid
 
 TILE_PX = 512
 FIRST_LEVEL = 8
@@ -97,6 +98,12 @@ class TerrainImages:
             heights = file.read(1, out_shape=size, masked=True).filled(np.nan).astype(np.float64)
             limits = {"low_m": _percentile(heights, 1), "high_m": _percentile(heights, 99)}
             return cls(path, {**_place(file), **limits})
+
+    @property
+    def grid(self) -> Grid:
+        """Its cells, in the coordinates of the file."""
+        at = self.about
+        return Grid(at["west_m"], at["north_m"], at["pixel_m"], (at["height"], at["width"]))
 
     def heights_m(self, box: Box, size: tuple[int, int] | None = None) -> NDArray[np.float32]:
         """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where

@@ -106,8 +106,7 @@ class Views:
         map.
         """
         seen = transform_points(self.posed.T_camera_map[number], points)
-        pixels = seen @ self.posed.geometry.P_left.T
-        return np.asarray(pixels[:, :2] / pixels[:, 2:])
+        return self.posed.geometry.project(seen)
 
 
 def _range_m(posed: PosedRun, number: int) -> Map:

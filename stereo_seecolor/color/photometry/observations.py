@@ -142,9 +142,8 @@ class PhotometricView:
         )
         local = away_m[near] @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px
-            y = self.geometry.focal_px * local[:, 1] / local[:, 2] + self.geometry.cy_px
+        x, y = self.geometry.project(local).T
+        with np.errstate(divide="ignore"):
             half_px = 0.5 * SETTINGS.patch_m * self.geometry.focal_px / local[:, 2]
         height, width = self.smooth_range_m.shape
         inside = (local[:, 2] > SETTINGS.nearest_m) & (x - half_px > 0) & (y - half_px > 0)

@@ -231,8 +231,7 @@ def _same_spots(
     moved = transform_points(
         T_other_this, geometry.points_from_range(range_m)[rows, columns].astype(np.float64)
     )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = (moved @ geometry.P_left.T / moved[:, 2:])[:, :2].T
+    x, y = geometry.project(moved).T
     inside = (
         (moved[:, 2] > 0)
         & (x > edge)

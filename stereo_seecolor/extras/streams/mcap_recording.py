@@ -154,12 +154,7 @@ def _points(
     """(N, 3) meters in the left camera's axes, and their colors, of a part of the pixels with a
     measured range.
     """
-    part = slice(None, None, POINT_STEP_PX)
-    depth_m = range_m[part, part] / geometry.ray_length[part, part]
-    y_px, x_px = (POINT_STEP_PX * index for index in np.nonzero(np.isfinite(depth_m)))
-    z_m = depth_m[np.isfinite(depth_m)]
-    x_m, y_m = (
-        (x_px - geometry.cx_left_px) / geometry.focal_px * z_m,
-        (y_px - geometry.cy_px) / geometry.focal_px * z_m,
-    )
-    return np.column_stack([x_m, y_m, z_m]).astype(np.float32), color[y_px, x_px]
+    part = np.s_[::POINT_STEP_PX, ::POINT_STEP_PX]
+    known = np.isfinite(range_m[part])
+    points = geometry.rays[part][known] * range_m[part][known, None]
+    return points.astype(np.float32), color[part][known]

@@ -68,11 +68,7 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
 
 def _places(photo: Orthophoto, terrain: Terrain, pixels: Array) -> Array:
     """(n, 3) of pixels (n, 2); heights between the terrain's cells, NaN beside a hole."""
-    grid = photo.grid
-    x, y = (
-        grid.west_m + (pixels[:, 0] + 0.5) * grid.cell_m,
-        grid.north_m - (pixels[:, 1] + 0.5) * grid.cell_m,
-    )
+    x, y = photo.grid.center(*pixels.T)
     at = terrain.grid.pixels(np.stack([x, y], axis=-1)).astype(np.float32)
     outside = float("nan")
     z = cv2.remap(
