@@ -429,7 +429,7 @@ def test_one_lens_each(tmp_path: Path) -> None:
         r"missing",
     ):
         load_rig(f"{tmp_path}/left.json,{tmp_path}/right.json")
-    with pytest.raises(CalibrationError, match="contains only one lens"):
+    with pytest.raises(CalibrationError, match=r"left\.json"):
         load_rig(tmp_path / "left.json")
     write_json(tmp_path / "stereo.json", {"R": R, "T": T})
     assert_same(load_rig(tmp_path))

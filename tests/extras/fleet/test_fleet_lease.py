@@ -117,7 +117,7 @@ def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(
     monkeypatch.setattr(lease.FileLock, "_acquire", no_locks)
     with (
         lease.held(tmp_path),
-        pytest.raises(OutputError, match="another run writes"),
+        pytest.raises(OutputError),
         lease.held(tmp_path),
     ):
         pass
