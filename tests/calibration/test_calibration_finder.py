@@ -234,9 +234,9 @@ def test_projections_in_block_yaml_are_not_kittis(unit: float, tmp_path: Path) -
     assert any("millimeters" in doubt for doubt in found.doubts) == (unit == 1000)
 
 
-@pytest.mark.parametrize("inverse", [False, True])
-def test_a_transform_of_open_sense_carries_both_readings(inverse: bool, tmp_path: Path) -> None:
-    transform = inverse(RIG.T_right_left) if inverse else RIG.T_right_left
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_transform_of_open_sense_carries_both_readings(inverted: bool, tmp_path: Path) -> None:
+    transform = inverse(RIG.T_right_left) if inverted else RIG.T_right_left
     matrices = {
         "LEFT.K": RIG.left.K,
         "LEFT.D": RIG.left.distortion,
@@ -255,7 +255,7 @@ def test_a_transform_of_open_sense_carries_both_readings(inverse: bool, tmp_path
     (tmp_path / "settings.yaml").write_text(text)
     found = load_rig(tmp_path / "settings.yaml", SIZE)
     assert_same(found)
-    assert len(found.alternatives) == int(inverse)
+    assert len(found.alternatives) == int(inverted)
 
 
 def test_two_baselines_in_a_file_are_named(tmp_path: Path) -> None:
