@@ -17,12 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from color_cases import make_range, smooth_noise
 from independent_waters import KINDS
-from measured_waters import (
-    Kind,
-    SpectralWater,
-    draw_contents,
-    draw_water,
-)
+from measured_waters import Kind, SpectralWater, draw_contents, draw_water
 from spectra import mixed, read_spectra
 
 from stereo_seecolor.color.fitting import robust, scene_prior

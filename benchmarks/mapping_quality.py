@@ -17,11 +17,7 @@ import cv2
 import numpy as np
 import rasterio
 from arguments import words_of
-from map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
+from map_errors import nearest_distance_m, surface_points, trajectory_error
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 

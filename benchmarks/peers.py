@@ -25,11 +25,7 @@ import cv2
 import numpy as np
 from arguments import parser_of, sides
 from compare import REPOSITORY, SAMPLE, machine
-from map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
+from map_errors import nearest_distance_m, surface_points, trajectory_error
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 

@@ -224,9 +224,5 @@ if __name__ == "__main__":
     parser.add_argument("--own-track", action="store_true")
     given = parser.parse_args()
     main(
-        given.folder,
-        given.reefs,
-        given.seed,
-        [mm / 1000 for mm in given.cells_mm],
-        given.own_track,
+        given.folder, given.reefs, given.seed, [mm / 1000 for mm in given.cells_mm], given.own_track
     )

@@ -75,8 +75,7 @@ def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple
 
 def _all_candidates(places: Sequence[Path]) -> list[Path]:
     return sorted(
-        candidates(places, EXTENSIONS, LARGEST_BYTES),
-        key=lambda path: natural_key(str(path)),
+        candidates(places, EXTENSIONS, LARGEST_BYTES), key=lambda path: natural_key(str(path))
     )
 
 

@@ -63,8 +63,7 @@ RENAMED = {
         "gains stop where noise of 1.5 of 255 would pass 0.06 of full scale",
     ),
     **dict.fromkeys(
-        ("color.robust.attenuation", "color.attenuation"),
-        "attenuation always varies with range",
+        ("color.robust.attenuation", "color.attenuation"), "attenuation always varies with range"
     ),
     **dict.fromkeys(
         ("color.robust.water_depth_m", "color.water_depth_m"),

@@ -5,11 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
+from benchmarks.map_errors import nearest_distance_m, surface_points, trajectory_error
 from calibration.transforms import rigid_alignment, rotation_from_vector, transform_points
 
 

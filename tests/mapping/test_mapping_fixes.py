@@ -84,8 +84,7 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
 def test_a_dive_shorter_than_its_fixes_scatter_is_refused() -> None:
     T = lawn_mower(40, 2.0)
     with pytest.raises(
-        MappingError,
-        match="40 fixes along its track do not determine its heading: they scatter by",
+        MappingError, match="40 fixes along its track do not determine its heading: they scatter by"
     ):
         place(T, fixed(T, 2.0))
 

@@ -178,10 +178,7 @@ def test_places_that_turn_the_map_upside_down_are_refused(exchange: str) -> None
     corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
     own = [PlacedSighting(number, "", np.array(place) + corners) for number, place in FLAT.items()]
     marks = Marks(
-        dict.fromkeys(range(3), own),
-        None,
-        {},
-        Places(places, dict.fromkeys(places, 0.01)),
+        dict.fromkeys(range(3), own), None, {}, Places(places, dict.fromkeys(places, 0.01))
     )
     with pytest.raises(
         MappingError, match="the surveyed positions put the bottom above the cameras"

@@ -88,7 +88,5 @@ def single_fix(T: Poses) -> None:
 @pytest.mark.parametrize(
     "change", [noisy(0.0), noisy(0.5), jump, away_for_a_while, single_fix, backwards(0, 29)]
 )
-def test_noise_jumps_single_fixes_and_whole_tracks_are_not(
-    change: Callable[[Poses], None],
-) -> None:
+def test_noise_jumps_single_fixes_and_whole_tracks_are_not(change: Callable[[Poses], None]) -> None:
     assert parts(change) == []

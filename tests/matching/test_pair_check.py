@@ -85,10 +85,7 @@ def reef(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("left", "right", "said"),
-    [
-        (reef(0), water(1), "the right image shows"),
-        (water(0), reef(1), "the left image shows"),
-    ],
+    [(reef(0), water(1), "the right image shows"), (water(0), reef(1), "the left image shows")],
 )
 def test_images_without_texture_are_not_called_two_scenes(
     left: np.ndarray, right: np.ndarray, said: str

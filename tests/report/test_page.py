@@ -583,9 +583,7 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
 
 
 @pytest.mark.parametrize("std_at_1_m", [1e-5, 0.002, 0.02])
-def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(
-    std_at_1_m: float,
-) -> None:
+def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(std_at_1_m: float) -> None:
     rng = np.random.default_rng(1)
     range_m = rng.uniform(0.5, 20, (61, 83)).astype(np.float32)
     codes, step_per_m = range_codes(range_m, np.float32(std_at_1_m) * range_m**2)

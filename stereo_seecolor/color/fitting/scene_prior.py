@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.scene_colors import sea_floor
-from stereo_seecolor.color.fitting.water_prior import (
-    WATER,
-    Vector,
-    water_prior,
-)
+from stereo_seecolor.color.fitting.water_prior import WATER, Vector, water_prior
 from stereo_seecolor.config import RobustConfig
 
 Matrix = NDArray[np.float64]

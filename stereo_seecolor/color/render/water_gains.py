@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.encoding import (
-    decoding_slope,
-)
+from stereo_seecolor.color.table.encoding import decoding_slope
 from stereo_seecolor.color.table.range_bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water

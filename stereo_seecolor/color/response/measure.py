@@ -164,9 +164,7 @@ def _laws(curve: NoiseCurve) -> tuple[Law, Law] | None:
 
 
 def _of_frames(
-    encoding: Literal["linear", "srgb"],
-    channels: Sequence[Sequence[Blocks]],
-    quantization: float,
+    encoding: Literal["linear", "srgb"], channels: Sequence[Sequence[Blocks]], quantization: float
 ) -> Response:
     """The response with the pedestal of each channel: the median of the zeros of the frames' own
     lines, or the zero of the line of all, if frames are too small; at most the darkest value.

@@ -183,9 +183,7 @@ def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
     """
     try:
         # half a second that other commands need not wait for
-        from skimage.color import (
-            deltaE_ciede2000,
-        )
+        from skimage.color import deltaE_ciede2000
     except ImportError as error:
         raise DeviceError(
             f"color differences need scikit-image ({error}): pip install "

@@ -69,7 +69,5 @@ def windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int
 
 
 FORMAT = ExportFormat(
-    "the orthomosaic in tiles of at most 8000 px, with meters per pixel",
-    "CoralNet, BIIGLE",
-    write,
+    "the orthomosaic in tiles of at most 8000 px, with meters per pixel", "CoralNet, BIIGLE", write
 )

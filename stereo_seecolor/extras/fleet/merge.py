@@ -13,11 +13,7 @@ from stereo_seecolor.commands.run_session import KIND, folder_request, run_sessi
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened, StereoInputs
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.dive_run import DiveRun
-from stereo_seecolor.dive.passes import (
-    NO_LIGHT,
-    fit_waters,
-    measure_ranges,
-)
+from stereo_seecolor.dive.passes import NO_LIGHT, fit_waters, measure_ranges
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.fleet.shard_part import Part

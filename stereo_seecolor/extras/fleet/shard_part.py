@@ -10,11 +10,7 @@ from calibration.errors import counted
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import FrameRow, Numbers, Water
-from stereo_seecolor.run_folder.finished_run import (
-    FinishedRun,
-    geometry_of,
-    open_run,
-)
+from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest

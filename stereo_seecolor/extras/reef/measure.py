@@ -271,10 +271,7 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
         )
     known: float | None = None
     if wanted.kind == "length":
-        straight, on_surface = (
-            straight_length(picks),
-            length_along(along_surface(surface, picks)),
-        )
+        straight, on_surface = (straight_length(picks), length_along(along_surface(surface, picks)))
     else:
         straight, (on_surface, known) = planar_area(picks), surface_area(surface, picks)
     stds = straight.total_std(calibration), on_surface.total_std(calibration)

@@ -12,9 +12,7 @@ from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories.table import (
-    Lines,
-)
+from stereo_seecolor.inputs.trajectories.table import Lines
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.records import GeoOrigin, Trajectory
 

@@ -90,9 +90,7 @@ class ImageErrors:
 
 
 def find_image_errors(
-    pairs: Sequence[FramePair],
-    geometry: RectifiedPair,
-    less_sharp: LessSharpSide = EQUALLY_SHARP,
+    pairs: Sequence[FramePair], geometry: RectifiedPair, less_sharp: LessSharpSide = EQUALLY_SHARP
 ) -> ImageErrors | None:
     """The errors that explain best what all pairs have in common; None where pairs left out of the
     fit confirm none.

@@ -233,8 +233,7 @@ def test_a_bent_track_is_straightened_by_what_frames_of_both_dives_share(
         T_a_b=rigid_transform(np.eye(3), [50, 0, 0]) @ found.change.registration.T_a_b,
     )
     with pytest.raises(
-        ComparingError,
-        match="cannot be bent onto the first: 0 pairs of frames of both dives match",
+        ComparingError, match="cannot be bent onto the first: 0 pairs of frames of both dives match"
     ):
         joint_track(first, second, far, Threads(1))
 

@@ -612,10 +612,7 @@ DAMAGED = json.dumps(
         ("{}", "is not a file of measures as the page saves it"),
         ("[1]", "is not a file of measures as the page saves it"),
         ('{"format": "stereo-seecolor measures 1"}', "dive: "),
-        (
-            DAMAGED,
-            "measure 3 is damaged",
-        ),
+        (DAMAGED, "measure 3 is damaged"),
     ],
 )
 def test_a_file_of_measures_that_cannot_be_used_is_named(

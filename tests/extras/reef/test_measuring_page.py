@@ -10,11 +10,7 @@ import pytest
 
 from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.ground_volume import volume_above
-from stereo_seecolor.extras.reef.lengths_and_areas import (
-    along_surface,
-    length_along,
-    surface_area,
-)
+from stereo_seecolor.extras.reef.lengths_and_areas import along_surface, length_along, surface_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.picking import FrameSurface
 from stereo_seecolor.extras.reef.polygons import crosses_itself

@@ -310,10 +310,7 @@ def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
         None,
     )
     code, _, said = cli("live", "--source", folder, "--left", folder, *calib)
-    assert (code, "--source names both sides: omit --left, --right and --bag" in said) == (
-        2,
-        True,
-    )
+    assert (code, "--source names both sides: omit --left, --right and --bag" in said) == (2, True)
 
 
 @pytest.mark.slow

@@ -47,14 +47,9 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
     known = photo.gray > 0
     contrast = local_contrast(photo.gray, 1.0)
     mask = cv2.erode(
-        known.astype(np.uint8),
-        np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8),
-        borderValue=0,
+        known.astype(np.uint8), np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8), borderValue=0
     )
-    count = min(
-        SETTINGS.most,
-        round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
-    )
+    count = min(SETTINGS.most, round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2))
     pixels, descriptors = keypoints(contrast, mask, max(count, 100))
     if not len(pixels):
         return Landmarks(np.zeros((0, 3)), descriptors)

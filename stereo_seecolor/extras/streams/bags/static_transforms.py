@@ -7,10 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
-from stereo_seecolor.extras.streams.bags.bag import (
-    TRANSFORMS,
-    Bag,
-)
+from stereo_seecolor.extras.streams.bags.bag import TRANSFORMS, Bag
 from stereo_seecolor.extras.streams.bags.messages import decode
 
 Array = NDArray[np.float64]

@@ -97,11 +97,7 @@ def video_pairing(
     rig: StereoRig | None = None
     with suppress(CalibrationError):  # said when the frames are opened
         rig = load_rig_of_images(calib, size_of_side(left, right))
-    asked = (
-        images.video_step,
-        images.video_skip_blurred,
-        images.video_offset_s,
-    )
+    asked = (images.video_step, images.video_skip_blurred, images.video_offset_s)
     key, file = (
         content_key(__version__, videos.key, asked, native.to_bytes(rig) if rig else b""),
         video_pairs_file(folder.root),
