@@ -41,30 +41,22 @@ class RectificationPlan:
 
     @cached_property
     def matching_pair(self) -> RectifiedPair:
-        """The geometry of the images that are matched: disparity runs along x, right of the left
-        image.
-        """
+        """The geometry of the matched images: disparity runs along x, right of the left image."""
         return self.pair.turned(-self.pair.quarter_turns)
 
     @property
     def R_left_matching(self) -> Array:
-        """The rotation from the left camera's axes to those of the left image that is matched: (3,
-        3).
-        """
+        """The rotation (3, 3) from the left camera's axes to those of the matched left image."""
         return quarter_turn(self.pair.quarter_turns) @ self.R_left
 
     @property
     def R_right_matching(self) -> Array:
-        """The rotation from the right camera's axes to those of the right image that is matched:
-        (3, 3).
-        """
+        """The rotation (3, 3) from the right camera's axes to those of the matched right image."""
         return quarter_turn(self.pair.quarter_turns) @ self.R_right
 
     @property
     def diagonal_deg(self) -> float:
-        """The angle between the baseline and the nearest axis of the left image, degrees,
-        -45..45.
-        """
+        """The angle between baseline and nearest axis of the left image, -45..45 degrees."""
         return float(np.degrees(roll(self.R_left)))
 
 

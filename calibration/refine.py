@@ -113,9 +113,7 @@ def refine_matches(
 
 
 def moved_rig(rig: StereoRig, values: Array) -> StereoRig:
-    """The rig with its right camera moved, turned about its own center. values: (4,), see
-    PARAMETERS.
-    """
+    """The rig with its right camera turned about its center. values: (4,), see PARAMETERS."""
     to_matching = plan_rectification(rig).R_right_matching
     turn = rigid_transform(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
     K = rig.right.K.copy()
@@ -222,9 +220,7 @@ def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Arr
 
 
 def _residuals(rig: StereoRig, matches: Matches) -> Array:
-    """(n,) right minus left row of raw matches after rectification, in pixels of the left
-    camera.
-    """
+    """(n,) right minus left row of raw matches after rectification, in left pixels."""
     left, right, T = cameras_in_water(rig)
     return _row_difference(T, left.rays(matches.left), right.rays(matches.right)) * float(
         rig.left.K[1, 1]

@@ -166,9 +166,7 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Blocks of J^T J and J^T r: shared parameters U (g, g), views V (v, 6, 6), coupling W (v, g,
-    6).
-    """
+    """Blocks of J^T J and J^T r: shared U (g, g), views V (v, 6, 6), coupling W (v, g, 6)."""
 
     U: Array
     V: Array
@@ -255,9 +253,7 @@ def _step(equations: _Equations, damping: float, poses_only: bool) -> tuple[Arra
 
 
 def _damped(H: Array, damping: float) -> Array:
-    """Marquardt's scaling; a parameter that nothing depends on gets 1, so that it stays where it
-    is.
-    """
+    """Marquardt's scaling; a parameter without effect gets 1, so that it stays where it is."""
     diagonal = np.diagonal(H, axis1=-2, axis2=-1)
     added = np.where(diagonal > 0, diagonal * damping, 1.0)
     return H + added[..., None] * np.eye(H.shape[-1])

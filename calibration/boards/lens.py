@@ -75,9 +75,7 @@ def fit_camera(lens: Lens, observations: list[CornerObservation], image_size: Si
 
 
 def target_pose(camera: Camera, observation: CornerObservation) -> Array:
-    """Estimate the pose of the target in the camera, (4, 4) target to camera, from one view's
-    corners.
-    """
+    """Estimate the target's pose, (4, 4) target to camera, from one view's corners."""
     rays = camera.rays(observation.pixels)
     seen = np.isfinite(rays[:, 0])
     if seen.sum() < 4:
@@ -111,9 +109,7 @@ def _fit_fisheye(
 
 
 def _middle(transforms: list[Array]) -> Array:
-    """The transform nearest to all others: no mean of rotations needed, and one bad view changes
-    nothing.
-    """
+    """The transform nearest to all others: one bad view changes nothing."""
     stacked = np.array([T[:3].ravel() for T in transforms])
     distances = np.linalg.norm(stacked[:, None] - stacked[None], axis=2).sum(axis=1)
     return transforms[int(np.argmin(distances))]

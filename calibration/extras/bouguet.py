@@ -25,9 +25,7 @@ parameters says.
 
 
 def matches(document: Section) -> bool:
-    """True for a stereo file of the toolbox, and for one of a single camera, which parse
-    refuses.
-    """
+    """True for a stereo file of the toolbox, and for one of a single camera, which is refused."""
     return _find(document) is not None
 
 

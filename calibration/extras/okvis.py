@@ -50,9 +50,7 @@ def refuse_lenses(left: Section, right: Section) -> StereoRig:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rig of the two cameras. image_size is not needed. Raises CalibrationError, naming the
-    key.
-    """
+    """The rig of the two cameras. image_size is not needed. Raises CalibrationError."""
     if cameras := document.listed("cameras", *POSES):
         if len(cameras) != 2:
             raise CalibrationError(

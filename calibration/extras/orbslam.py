@@ -55,9 +55,7 @@ def _old_raw(document: Section) -> StereoRig:
 def _two_cameras(
     document: Section, size: Size, names: tuple[str, str], transform: str
 ) -> StereoRig:
-    """Both transforms, T_c1_c2 and Tlr, take the right camera's points to the left: the inverse of
-    ours.
-    """
+    """Both transforms, T_c1_c2 and Tlr, are the inverse of ours: right to left."""
     left, right = (_camera(document, name, size) for name in names)
     rows = document.numbers(transform, 16, 12)[:12].reshape(3, 4)
     T_left_right = np.vstack([rows, [0, 0, 0, 1]])

@@ -37,9 +37,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig at the resolution of the images. Raises CalibrationError where the file does not have
-    it.
-    """
+    """The rig at the resolution of the images. Raises CalibrationError without it."""
     held = {
         size: name
         for name, size in SIZES.items()

@@ -140,9 +140,7 @@ def _of_config(
 
 
 def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camera], list[Array]]:
-    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then for each other sensor TYPE ID HAS_POSE and its
-    pose.
-    """
+    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then TYPE ID HAS_POSE and the pose of the others."""
     rows = [row for row in document.content[RIGS] if int(row[1]) == 2]
     if len(rows) != 1 or len(rows[0]) < 14 or rows[0][6] != "1":
         raise CalibrationError(

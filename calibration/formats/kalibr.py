@@ -45,9 +45,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section) -> StereoRig:
-    """The rig of cam0 and cam1. Where cam1 stands to the left of cam0, it becomes the left
-    camera.
-    """
+    """The rig of cam0 and cam1. If cam1 stands to the left of cam0, it becomes the left camera."""
     if document.has("cam2"):
         raise CalibrationError(
             f"{document.where}: holds more than two cameras: keep the two of the stereo pair, as "
@@ -116,9 +114,7 @@ def _parse_camera(section: Section) -> Camera:
 
 
 def _other_lens(section: Section, model: str, name: str) -> Camera:
-    """A lens that OpenCV has no model for: parameters of the lens stand before the focal
-    lengths.
-    """
+    """A lens that OpenCV has no model for: the lens's parameters precede the focal lengths."""
     count = {"omni": 1, "ds": 2, "eucm": 2, "pinhole": 0}.get(model)
     if (
         count is None

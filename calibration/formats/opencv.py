@@ -133,9 +133,7 @@ def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
 
 
 def write(rig: StereoRig, path: Path) -> None:
-    """Write one FileStorage, in the notation of the path's extension: .yml, .yaml, .xml or
-    .json.
-    """
+    """Write one FileStorage, in the notation of the extension: .yml, .yaml, .xml or .json."""
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
         raise CalibrationError(
             "OpenCV writes .yml, .xml or .json; the extension selects the notation"

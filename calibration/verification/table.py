@@ -126,9 +126,7 @@ def _bent_more(camera: Camera, more: float) -> Camera:
 
 
 def _in_water(rig: StereoRig, more: float) -> StereoRig:
-    """A rig that was calibrated in air, behind flat ports, in what bends light by an index of 1 +
-    more.
-    """
+    """A rig calibrated in air behind flat ports, in what has an index of 1 + more."""
     if rig.port is not None:
         return rig
     port = replace(flat_port(FLAT_PORT), water_index=1 + more)

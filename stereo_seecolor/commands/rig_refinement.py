@@ -98,9 +98,7 @@ def refine_rig(
 
 
 def _hashes(pair: Pair, folder: RunFolder, options: RunOptions) -> dict[str, str]:
-    """SHA-256 of a pair's files, by side; empty for a pair that cannot be read, which the run
-    names.
-    """
+    """SHA-256 of a pair's files, by side; empty for a pair that cannot be read."""
     sides = {"left": pair.left, "right": pair.right}
     try:
         files = folder.frames.inputs(pair.name, sides, options.verify)

@@ -218,9 +218,7 @@ def _check_added(chosen: str | Path, group: str, own: Sequence[str], where: str)
 
 
 def _merge(base: _Content, over: _Content) -> _Content:
-    """Two contents merged: mappings key by key; any other value of ``over`` replaces that of
-    ``base``.
-    """
+    """Two contents merged: mappings key by key; other values of ``over`` replace ``base``'s."""
     both = {
         key: _merge(base[key], over[key])
         for key in base.keys() & over.keys()

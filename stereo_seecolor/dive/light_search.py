@@ -282,9 +282,7 @@ class _Links:
 
 
 def is_short(frames: int) -> bool:
-    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all
-    frames.
-    """
+    """Whether a dive of ``frames`` is so short that all frames solve its pattern."""
     return frames <= SAMPLE.most_frames
 
 

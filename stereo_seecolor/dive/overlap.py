@@ -121,9 +121,7 @@ _Near = tuple[_Seen, PhotometricView, Sequence[tuple[int, RelativePose]]]
 
 @dataclass(frozen=True, eq=False)
 class FrameMatcher:
-    """Examines frames; it can be sent to another process. geometry: of images reduced ``every``
-    times.
-    """
+    """Examines frames; picklable. geometry: of images reduced ``every`` times."""
 
     read: ReadFrame
     geometry: RectifiedPair
@@ -188,9 +186,7 @@ class FrameMatcher:
     def _placed(
         self, seen: _Seen, view: PhotometricView, near: Sequence[tuple[_Placed, RelativePose]]
     ) -> _Placed:
-        """The frame placed by the nearest of the frames before it; without one, it starts a new
-        chain.
-        """
+        """The frame placed by the nearest frame before it; without one, it starts a chain."""
         chain, T, path_m = seen.number, np.eye(4), 0.0
         if near:
             other, pose = near[-1]
@@ -250,9 +246,7 @@ def _loops(frame: _Placed, past: Sequence[_Placed]) -> list[_Placed]:
 
 
 def _is_loop(frame: _Placed, other: _Placed) -> bool:
-    """Whether the frames' images overlap because the track came back, rather than went
-    straight on.
-    """
+    """Whether the frames' images overlap because the track came back, not by going on."""
     distance_m = float(np.linalg.norm(frame.T_chain_camera[:3, 3] - other.T_chain_camera[:3, 3]))
     came_back = (
         frame.chain == other.chain and frame.path_m - other.path_m > LOOK.loop_detour * distance_m

@@ -126,9 +126,7 @@ class DetailMatcher:
         self._built: dict[int, ReducedMatcher] = {}
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair; a warning states if it was matched at a
-        smaller size.
-        """
+        """The range map of a rectified pair; a warning says if the size was reduced."""
         found, detail = self._full.matched(frame)
         if detail >= LEAST_DETAIL or not self._sizes:
             return found

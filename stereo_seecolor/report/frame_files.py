@@ -48,18 +48,14 @@ class Pixels:
 
 @dataclass(frozen=True, eq=False)
 class FrameFiles:
-    """Makes the page's files of a run's frames. rectification: None where the run's rig is not
-    known.
-    """
+    """Makes the page's files of a run's frames. rectification: None for an unknown rig."""
 
     run: FinishedRun
     rectification: Rectification | None
 
     @classmethod
     def of(cls, run: FinishedRun) -> "FrameFiles":
-        """The maker of a run's files; without a readable rig, images before correction are left
-        out.
-        """
+        """The maker of a run's files; without a readable rig, none before correction."""
         try:
             return cls.rectifying(run)
         except (InputError, CalibrationError, OSError):

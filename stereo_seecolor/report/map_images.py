@@ -106,9 +106,7 @@ class TerrainImages:
         return Grid(at["west_m"], at["north_m"], at["pixel_m"], (at["height"], at["width"]))
 
     def heights_m(self, box: Box, size: tuple[int, int] | None = None) -> NDArray[np.float32]:
-        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where
-        unknown.
-        """
+        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN if unknown."""
         import rasterio
 
         with open_raster(self.path) as file:
@@ -177,9 +175,7 @@ def _percentile(values: NDArray[np.float64], percent: float) -> float:
 
 
 def _light(heights: NDArray[np.float64], cell_m: float) -> NDArray[np.float64]:
-    """(h, w) of 0 to 1: how much light falls on each cell; level ground where a neighbor is
-    unknown.
-    """
+    """(h, w) of 0 to 1: how much light falls on each cell; level beside unknown ones."""
     if min(heights.shape) < 2:
         return np.full(heights.shape, LIGHT[2])
     down, right = np.gradient(heights, cell_m)

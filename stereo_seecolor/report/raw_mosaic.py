@@ -93,9 +93,7 @@ def painted_from(posed: PosedRun) -> list[str]:
 
 
 def _points(terrain: TerrainImages, box: Box, offset_m: Floats) -> Floats:
-    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is
-    unknown.
-    """
+    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN if unknown."""
     left, top, width, height = box
     grid = terrain.grid.moved(-offset_m)
     x, y = grid.centers(slice(top, top + height), slice(left, left + width))

@@ -102,9 +102,7 @@ class Views:
                 yield number
 
     def project(self, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels (N, 2), with (0, 0) in the center of the top left one, of points (N, 3) of the
-        map.
-        """
+        """Pixels (N, 2), (0, 0) the center of the top left one, of points (N, 3) of the map."""
         seen = transform_points(self.posed.T_camera_map[number], points)
         return self.posed.geometry.project(seen)
 
@@ -159,9 +157,7 @@ def candidates(views: Views, surface: PaintedSurface) -> Candidates:
 
 @compiled
 def rate(surface, camera, seen, limits, number, view, value):  # type: ignore[no-untyped-def]
-    """Put a view among the best of each triangle that it shows. camera: (3, 4) projection and
-    (3,) place.
-    """
+    """Put a view among the best of triangles that it shows. camera: (3, 4), place (3,)."""
     position, triangles, color, bound_m = surface
     range_m, soft, sharpness = seen
     same_range, border_px, corner_loss, color_std = limits

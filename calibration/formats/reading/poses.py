@@ -124,9 +124,7 @@ def _is_between(leaf: Leaf, side: Side) -> bool:
 
 
 def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:
-    """By the poses of both cameras: R and T, or a matrix, into them; of a body or a place, from
-    them.
-    """
+    """By the poses of both cameras: R and T, or a matrix, into them or from them."""
     Rs, Ts, places = parts.pair("R"), parts.pair("T"), parts.pair("place")
     rotations = [_rotation(where, R) for R in Rs] if Rs and (Ts or places) else []
     if rotations and Ts:
@@ -172,9 +170,7 @@ def _with_sense(pose: Pose, side: Side) -> Pose:
 
 
 def _rotation(where: str, leaf: Leaf) -> Array:
-    """(3, 3) of a matrix or a rotation vector; the nearest rotation where the file has rounded
-    it.
-    """
+    """(3, 3) of a matrix or a rotation vector; the nearest rotation where it was rounded."""
     numbers = leaf.finite(where)
     if numbers.size == 4:
         return _of_quaternion(leaf)
@@ -193,9 +189,7 @@ def _rotation(where: str, leaf: Leaf) -> Array:
 
 
 def _of_quaternion(leaf: Leaf) -> Array:
-    """w first where a word says so or, as cameras of a rig are turned little, where that is the
-    largest.
-    """
+    """w first where a word says so or, as cameras are turned little, where it is largest."""
     said = {word for key in leaf.path for word in words(key)}
     numbers = leaf.numbers / np.linalg.norm(leaf.numbers)
     first = "wxyz" in said or ("xyzw" not in said and abs(numbers[0]) > abs(numbers[3]))

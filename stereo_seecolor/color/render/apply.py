@@ -54,9 +54,7 @@ def correct(
 def corrected(
     image: Image, shown: Shown, clipped: float, water: Water, tone: Tone, config: ColorConfig
 ) -> Correction:
-    """Make the correction of an image from its corrected pixels. clipped: fraction of clipped
-    ones.
-    """
+    """The correction of an image from its corrected pixels. clipped: fraction of clipped ones."""
     unknown = shown.unknown
     empty = NOTHING_KNOWN if unknown.all() else ""
     pixels = carry_hue(shown, image)

@@ -50,9 +50,7 @@ class Gains(NamedTuple):
 
 @cache
 def fine_ranges_m() -> NDArray[np.float64]:
-    """Return the (1024,) middle of each fine range bin, meters: 128 per octave from 1/8 m to 32
-    m.
-    """
+    """The (1024,) middle of each fine range bin, meters: 128 per octave from 1/8 m to 32 m."""
     edges = range_edges_m()
     steps = (np.arange(FINE) + 0.5) / FINE
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())

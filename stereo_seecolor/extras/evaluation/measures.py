@@ -28,9 +28,7 @@ _WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
 
 @dataclass(frozen=True)
 class NeutralScore:
-    """A neutral target: psi_deg in degrees; clipped_fraction of its pixels in [0, 1]; pixels
-    counted.
-    """
+    """A neutral target: psi_deg in degrees; clipped_fraction of its pixels, 0 to 1."""
 
     psi_deg: float
     clipped_fraction: float
@@ -52,9 +50,7 @@ class TruthScore:
 
 
 def gray_angle_deg(pixels: Pixels) -> NDArray[np.float64]:
-    """Angle of each color to gray (the paper's psi), degrees, shape (...); NaN where black or
-    unknown.
-    """
+    """Angle of each color to gray (the paper's psi), degrees, (...); NaN where black."""
     return angle_deg(pixels, np.ones(3))
 
 

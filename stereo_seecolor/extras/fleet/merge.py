@@ -209,9 +209,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
 
 
 def _pairs(parts: Sequence[Part]) -> list[Pair]:
-    """Every pair of the parts, once. Raises InputError where two parts have different images of one
-    name.
-    """
+    """Every pair of the parts, once. Raises InputError if parts share an image's name."""
     pairs: dict[str, Pair] = {}
     seen: dict[str, tuple[Part, tuple[str, str]]] = {}
     for part in parts:

@@ -49,9 +49,7 @@ class Part:
 
     @cached_property
     def shard(self) -> Shard | None:
-        """The shard of the dive that was run; None where the run was of all pairs that it was
-        given.
-        """
+        """The shard of the dive that was run; None if the run was of all pairs."""
         kind = Manifest(self.root).dive().identity.get("kind", "")
         return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
 

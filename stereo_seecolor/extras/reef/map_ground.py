@@ -236,9 +236,7 @@ class Ground:
         return Measured(area_m2, click_m * around_m / float(np.sqrt(len(outline))), 2), known
 
     def _inside(self, outline: Array) -> tuple[Array, Array, float]:
-        """``steepness`` of the cells inside an outline, in cells; and the fraction that is
-        known.
-        """
+        """``steepness`` of the cells inside an outline, in cells; and the known fraction."""
         size = np.array(self.heights_m.shape[::-1])
         low, high = (
             np.ceil(outline.min(axis=0)).astype(int),

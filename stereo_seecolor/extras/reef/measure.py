@@ -233,9 +233,7 @@ def _partly_known(
 
 
 def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measurement:
-    """Measure one thing in a frame. calibration: relative standard error of a length by the
-    calibration.
-    """
+    """Measure one thing in a frame. calibration: its relative error of lengths."""
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     picks: list[Pick] = []
     clicks_px = wanted.clicks_px or (0.0,) * len(wanted.places)

@@ -116,9 +116,7 @@ class McapRecording:
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether a file was recorded by this program: by its header, the first record of an MCAP
-    file.
-    """
+    """Whether this program recorded a file: by its header, an MCAP file's first record."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -130,9 +128,7 @@ def is_recording(path: Path) -> bool:
 
 
 def messages(pair: RecordedPair, geometry: RectifiedPair) -> Iterator[tuple[str, Any]]:
-    """Make the messages of a pair, (topic, message), one at a time: each may have some
-    megabytes.
-    """
+    """Make a pair's messages, (topic, message), one by one: each may have megabytes."""
     stamp_ns = pair.stamp_ns
     made: tuple[Callable[[], Any], ...] = (
         lambda: ros.compressed_image(stamp_ns, *pair.picture),

@@ -35,9 +35,7 @@ def type_name(name: str) -> str:
 
 
 def make(name: str, *values: Any) -> Any:
-    """A message of that type from its fields in their order. Raises DeviceError if rosbags is
-    missing.
-    """
+    """A message of that type from its fields in order. Raises DeviceError without rosbags."""
     return _store().types[type_name(name)](*values)
 
 

@@ -179,9 +179,7 @@ class Scene:
 
     @cached_property
     def _water_tables(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """A(z) and B(z) every ``_TABLE_STEP_M`` up to 40 m; the last entry is for rays that meet
-        nothing.
-        """
+        """A(z) and B(z) every ``_TABLE_STEP_M`` up to 40 m; last, for rays that meet nothing."""
         range_m = np.append(np.arange(0.0, 40.0, _TABLE_STEP_M), 1e6)
         water = self.water.water
         return water.attenuation(range_m).astype(np.float32), water.backscatter(range_m).astype(

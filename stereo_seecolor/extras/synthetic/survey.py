@@ -69,9 +69,7 @@ class SurveySpec:
 
     @property
     def exposure_range_m(self) -> float:
-        """The range that the exposure is set for: the nearest the cameras come to the mean
-        bottom.
-        """
+        """The range that the exposure is set for: where the cameras are nearest to the bottom."""
         return min(self.altitude_m)
 
 

@@ -88,9 +88,7 @@ def _aligned(lines: Lines, root: ET.Element) -> Iterator[tuple[ET.Element, Array
 
 
 def _similarity(node: ET.Element | None) -> Array | None:
-    """(13,) scale, rotation (9), translation (3); None where there is none, or one that cannot be
-    read.
-    """
+    """(13,) scale, rotation (9), translation (3); None without a readable one."""
     if node is None:
         return None
     parts = [_numbers(node.find(name)) for name in ("scale", "rotation", "translation")]

@@ -40,9 +40,7 @@ def read_colmap(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def _image_lines(lines: Lines) -> list[tuple[int, str]]:
-    """Every second line that is not a comment; the lines of points may be empty, so empty lines
-    count.
-    """
+    """Every second line that is not a comment; empty lines count: points may be none."""
     text = read_text(lines.path).splitlines()
     uncommented = [(i, line) for i, line in enumerate(text, start=1) if not line.startswith("#")]
     return [(i, line) for i, line in uncommented[::2] if line.strip()]

@@ -109,9 +109,7 @@ def _form(lines: Lines) -> int | None:
 
 
 def read_kitti(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Matched to the frames in order, or by time where times.txt has as many lines; up is
-    unknown.
-    """
+    """In the order of the frames, or by time if times.txt has as many lines; up is unknown."""
     count = _form(lines)
     assert count
     form = f"a pose of {count} numbers" if count > 12 else "a KITTI pose has 12 numbers"

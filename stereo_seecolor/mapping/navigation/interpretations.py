@@ -71,9 +71,7 @@ def named(readings: Sequence[PoseReading]) -> str:
 def interpretations(
     T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
 ) -> Iterator[tuple[str, Array]]:
-    """List all other readings of the poses. T: (N, 4, 4) as read. seen: as the pictures show
-    them.
-    """
+    """List all other readings of the poses. T: (N, 4, 4) as read. seen: by the pictures."""
     has_clock = (
         not any(trajectory.names)
         and np.isfinite(trajectory.timestamps_s).all()

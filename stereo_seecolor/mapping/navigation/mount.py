@@ -45,9 +45,7 @@ SETTINGS = MountSettings()
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) standard errors about the camera's
-    axes.
-    """
+    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) errors about the camera's axes."""
 
     R: Array
     std_rad: Array

@@ -43,9 +43,7 @@ SETTINGS = SpotSettings()
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """Edges measured here and there; exact: True where the given poses agree with them to half a
-    voxel.
-    """
+    """Edges measured here and there; exact: poses agree with them to half a voxel."""
 
     edges: list[Edge]
     exact: bool

@@ -65,9 +65,7 @@ class Grid:
         )
 
     def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Convert points (N, 2 or more) to column and row (N, 2); the center of the first cell is
-        (0, 0).
-        """
+        """Convert points (N, 2 or more) to column and row (N, 2); (0, 0) is a center."""
         points = np.asarray(points_m, np.float64)
         return np.stack([self.columns(points[:, 0]), self.rows(points[:, 1])], axis=-1)
 

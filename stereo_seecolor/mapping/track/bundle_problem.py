@@ -253,9 +253,7 @@ class BundleProblem:
         return list(core_pool().map(of, range(len(state.T)), inverse(state.T)))
 
     def _eliminate(self, blocks: FrameBlocks, W: Array, V: Array, own_g: Array) -> None:
-        """Take the points' Schur complement off the equations of the frames, of some rows at a
-        time.
-        """
+        """Take the points' Schur complement off the frames' equations, some rows at a time."""
         order, row_start = self._by_block
         points = 3 * len(V)
         from_points = bsr_array(

@@ -182,9 +182,7 @@ class _WeighedPair:
 
 @dataclass(frozen=True, eq=False)
 class _ImageErrorNormal:
-    """Normal equations of a pair's pose (6) and of the values that all pairs share; its robust
-    cost.
-    """
+    """Normal equations of a pair's pose (6) and of the shared values; its robust cost."""
 
     H_pose: Array
     H_mixed: Array

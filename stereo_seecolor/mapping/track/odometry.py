@@ -138,9 +138,7 @@ class Track:
         )
 
     def relation(self, edge: Edge) -> tuple[Ends, RelativePose]:
-        """Find what an edge was made from: the positions of its frames, and the points that both
-        show.
-        """
+        """Find what an edge was made from: its frames' positions, and their common points."""
         ends = int(self.survey.index.rank[edge.i]), int(self.survey.index.rank[edge.j])
         relation = self.found[ends]
         assert relation is not None, "it was measured"

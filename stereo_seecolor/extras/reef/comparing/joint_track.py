@@ -31,9 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointSettings:
-    """How far the first survey may give way, and when its frames are taken to constrain the
-    second's.
-    """
+    """How far the first survey may give way, and when its frames constrain the second's."""
 
     position_std_m: float = 2e-4  # of the first's frames: its map is there, and stays
     attitude_std_rad: float = 1e-4

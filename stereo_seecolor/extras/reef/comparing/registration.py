@@ -92,9 +92,7 @@ class Registration:
 
 
 def register(a: Site, b: Site, cell_m: float) -> Registration:
-    """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be
-    relied on.
-    """
+    """Place b in a's coordinates. Raises ComparingError, with the evidence, if unsure."""
     found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
     coarse = similarity_fit(*found, SETTINGS.tolerance_cells * cell_m)

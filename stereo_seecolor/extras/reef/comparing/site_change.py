@@ -152,9 +152,7 @@ def _surface(
     errors: tuple[TerrainErrors, TerrainErrors],
     difference: Difference,
 ) -> SurfaceDistances:
-    """Distances at the cells of the terrain; errors grow as those of the heights do on stable
-    ground.
-    """
+    """Distances at the cells of the terrain; errors grow as heights' do on stable ground."""
     shape, known = before.grid.shape, np.isfinite(difference.dz_m)
     stds = errors[0].std_m[known], errors[1].std_m[known], difference.shared_std_m[known]
     inflated = (difference.inflation * stds[0], difference.inflation * stds[1], stds[2])

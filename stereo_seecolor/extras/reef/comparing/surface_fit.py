@@ -89,9 +89,7 @@ def _ground(mesh: SiteMesh) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Distances:
-    """Points (n, 3), how far each lies below the other surface, along its normal, and what each
-    weighs.
-    """
+    """Points (n, 3), how far each lies below the other surface along its normal, weights."""
 
     points: Array
     normals: Array
@@ -118,9 +116,7 @@ class _Distances:
         return float(np.ptp(self.points, axis=0).max())
 
     def normal_equations(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(6, 6) and (6,) of the turn about the center and the shift that take the distances
-        out.
-        """
+        """(6, 6) and (6,) of the turn about the center and the shift that undo the distances."""
         arm = self.points[chosen] - self.center_m
         J = np.concatenate([np.cross(arm, self.normals[chosen]), self.normals[chosen]], axis=1)
         weighted = J * self.weight[chosen, None]

@@ -136,9 +136,7 @@ def _depth_m(bag: Bag, times_ns: NDArray[np.int64], altitude_m: Array) -> Array:
 
 
 def _around(entries: Sequence[Entry], times_ns: NDArray[np.int64]) -> list[Entry]:
-    """The messages before and after each time, each once and with a time of its own, by their
-    stamps.
-    """
+    """The messages before and after each time, each once, by their stamps."""
     stamps = [entry.stamp_ns for entry in entries]
     wanted = {
         at

@@ -59,9 +59,7 @@ def read_track(path: Path, mount: MountConfig) -> Trajectory:
 
 
 def _by_fixes(bag: Bag, mount: MountConfig) -> Trajectory:
-    """The camera's track by satellite fixes and attitude. Raises InputError if the bag holds
-    none.
-    """
+    """The camera's track by satellite fixes and attitude. Raises InputError without any."""
     track = fixed_track(bag)
     if track is None:
         raise InputError(

@@ -39,9 +39,7 @@ class Videos:
 
     @property
     def key(self) -> str:
-        """Hash by which these videos are known again: of their sizes, and the times of their
-        frames.
-        """
+        """Hash by which these videos are recognized: of their sizes and their frames' times."""
         return content_key(
             *(
                 (video_file(path).index.pts.tolist(), path.stat().st_size)
@@ -110,9 +108,7 @@ def video_pairing(
 
 
 def _kept(file: Path, key: str) -> FrameChoice | None:
-    """The choice of an earlier run; None where it had other videos or settings, or there is
-    none.
-    """
+    """The choice of an earlier run; None where it had other videos or settings, or none."""
     try:
         content = load_object(file)
         if content.pop("key") == key:
