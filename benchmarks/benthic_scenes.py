@@ -17,18 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from color_cases import make_range, smooth_noise
 from independent_waters import KINDS
+from measured_waters import Kind, SpectralWater, draw_contents, draw_water
 from spectra import mixed, read_spectra
 
 from stereo_seecolor.color.fitting import robust, scene_prior
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg
-from stereo_seecolor.extras.synthetic.measured_waters import (
-    Kind,
-    SpectralWater,
-    draw_contents,
-    draw_water,
-)
 from stereo_seecolor.files.srgb import encode_srgb
 
 SPLIT = (

@@ -56,11 +56,7 @@ def processor_s(folder: Path, kept: str, *script: str) -> float:
     before = os.times()
     subprocess.run(
         [sys.executable, *words],
-        env={
-            **os.environ,
-            "NUMBA_CACHE_DIR": str(folder / kept),
-            "PYTHONPATH": f"{REPOSITORY}",
-        },
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder / kept), "PYTHONPATH": f"{REPOSITORY}"},
         stdout=None if script else subprocess.DEVNULL,
         stderr=None if script else subprocess.DEVNULL,
         check=True,

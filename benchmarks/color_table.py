@@ -21,14 +21,7 @@ from arguments import add_data, parser_of
 from benthic_scenes import GROUPS, SPLIT, prior_without
 from benthic_scenes import drawn as benthic_scene
 from color_cases import Case, make_case
-from color_quality import (
-    METHODS_COMPARED,
-    Method,
-    card_frames,
-    picture_cases,
-    reef_cases,
-    score,
-)
+from color_quality import METHODS_COMPARED, Method, card_frames, picture_cases, reef_cases, score
 from independent_waters import KINDS
 from photographs_in_water import OPTICAL_DEPTHS, cases_of
 from photographs_in_water import score as score_photograph

@@ -13,19 +13,19 @@ import cv2
 import numpy as np
 from arguments import words_of
 from numpy.typing import NDArray
+from reef_changes import Change, changed_reef
 
 from calibration.formats import native
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.extras.reef.compare import compare
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 from stereo_seecolor.extras.synthetic.reef import Reef
-from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 
 FIRST = SurveySpec(
@@ -57,7 +57,9 @@ CHANGES = (
     Change("bleached", 0.9, 0.75, 0.15),
     Change("bleached", 0.1, 0.7, 0.12),
 )
-T_SECOND_WORLD = pose(rotation_from_vector(np.array([0.01, -0.015, 0.35])), [3.0, -1.0, 0.4])
+T_SECOND_WORLD = rigid_transform(
+    rotation_from_vector(np.array([0.01, -0.015, 0.35])), [3.0, -1.0, 0.4]
+)
 """The second dive's navigation has another origin, heading and level."""
 
 

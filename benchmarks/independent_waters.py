@@ -14,8 +14,8 @@ import numpy as np
 from arguments import add_data
 from color_cases import Case, make_range, make_truth
 from color_quality import METHODS_COMPARED, pictures, score, true_water
+from measured_waters import Kind, draw_contents, draw_water
 
-from stereo_seecolor.extras.synthetic.measured_waters import Kind, draw_contents, draw_water
 from stereo_seecolor.files.srgb import encode_srgb
 
 KINDS: tuple[Kind, ...] = ("ocean", "coast", "harbor")

@@ -24,12 +24,12 @@ import cv2
 import numpy as np
 import rasterio
 from arguments import parser_of
+from map_errors import nearest_distance_m
 from mapping_quality import Survey
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.extras.evaluation.map_errors import nearest_distance_m
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices

@@ -17,24 +17,20 @@ import cv2
 import numpy as np
 import rasterio
 from arguments import words_of
+from map_errors import nearest_distance_m, surface_points, trajectory_error
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibration import RectifiedPair
+from calibration.transforms import rigid_alignment
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.extras.evaluation.map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
 from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.geometry import rigid_alignment
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.reef_metrics import measure
 from stereo_seecolor.mapping.survey_map import build_map

@@ -25,18 +25,14 @@ import cv2
 import numpy as np
 from arguments import parser_of, sides
 from compare import REPOSITORY, SAMPLE, machine
+from map_errors import nearest_distance_m, surface_points, trajectory_error
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
-from stereo_seecolor.extras.evaluation.map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
+from calibration.transforms import rigid_alignment, transform_points
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.geometry import rigid_alignment, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 
 PINNED = {

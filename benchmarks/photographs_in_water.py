@@ -21,11 +21,11 @@ import numpy as np
 from color_cases import Case, make_range
 from color_quality import METHODS_COMPARED, true_water
 from independent_waters import KINDS, seen
+from measured_waters import Kind
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.extras.evaluation.measures import angle_deg, clipped
-from stereo_seecolor.extras.synthetic.measured_waters import Kind
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_range_map
 

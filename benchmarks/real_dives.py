@@ -28,12 +28,12 @@ from compare import execute
 from calibration import CalibrationError, Rectification
 from calibration.checks import vertical_disparity
 from calibration.formats import format_name, load_rig
+from calibration.transforms import rigid_alignment, rotation_from_vector, transform_points
 from stereo_seecolor.checks.sample import evenly_spaced, read_both
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.commands.rig_loading import REFINING_PAIRS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transform_points
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import Trajectory

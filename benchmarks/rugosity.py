@@ -24,6 +24,7 @@ from arguments import parser_of
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import rigid_alignment
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
@@ -32,7 +33,6 @@ from stereo_seecolor.extras.synthetic.casting import cast, look_up
 from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import encode_srgb
-from stereo_seecolor.geometry import rigid_alignment
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.structure import (
     Numbers,
@@ -224,9 +224,5 @@ if __name__ == "__main__":
     parser.add_argument("--own-track", action="store_true")
     given = parser.parse_args()
     main(
-        given.folder,
-        given.reefs,
-        given.seed,
-        [mm / 1000 for mm in given.cells_mm],
-        given.own_track,
+        given.folder, given.reefs, given.seed, [mm / 1000 for mm in given.cells_mm], given.own_track
     )

@@ -21,6 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from reef_changes import Change, changed_reef
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
@@ -44,7 +45,6 @@ from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh, open_site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.extras.synthetic.dive import synthesize
 from stereo_seecolor.extras.synthetic.reef import CELL_M
-from stereo_seecolor.extras.synthetic.reef_changes import Change, changed_reef
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.free_places import new_folder
@@ -207,8 +207,9 @@ class MappedReef:
     @property
     def ground(self) -> Ground:
         """What ``measure`` and the page measure on."""
-        grid, heights_m = self.terrain.grid, self.terrain.height_m.astype(np.float32)
-        return Ground(heights_m, grid.west_m, grid.north_m, grid.cell_m, self.height_std_m)
+        return Ground(
+            self.terrain.height_m.astype(np.float32), self.terrain.grid, self.height_std_m
+        )
 
     @property
     def true_ground(self) -> Ground:
@@ -239,7 +240,8 @@ def on_map(at: MappedReef, samples: int, rng: np.random.Generator) -> Scores:
     known = np.argwhere(at.terrain.known)
     while len(z["straight length on the map"]) < samples:
         places = [
-            ground.center(float(c), float(r)) for r, c in known[rng.integers(len(known), size=2)]
+            ground.grid.center(float(c), float(r))
+            for r, c in known[rng.integers(len(known), size=2)]
         ]
         found, right = ([g.pick(x, y, None, 0.0) for x, y in places] for g in (ground, drawn))
         spots, true = ([each for each in some if each] for some in (found, right))

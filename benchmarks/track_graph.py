@@ -15,7 +15,7 @@ import numpy as np
 from arguments import words_of
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.track.pose_graph import solve
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
@@ -49,7 +49,7 @@ def edges_of(T: NDArray[np.float64], rng: np.random.Generator) -> list[Edge]:
         Edge(
             i,
             j,
-            inverse(T[i]) @ T[j] @ pose(rotation_from_vector(turn), shift),
+            inverse(T[i]) @ T[j] @ rigid_transform(rotation_from_vector(turn), shift),
             COVARIANCE,
             100,
             loop,

@@ -16,9 +16,7 @@ DETECTION_SIDE_PX = 1600
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners found in one image. ids: (n,) which corner of the target; pixels: (n, 2) float64,
-    where.
-    """
+    """Corners found in an image. ids: (n,) in the target; pixels: (n, 2) float64."""
 
     ids: NDArray[np.int64]
     pixels: NDArray[np.float64]

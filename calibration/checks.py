@@ -101,8 +101,6 @@ def _points_near_rows(
 
 
 def _between_pairs_px(rest: Array, numbers: NDArray[np.int64]) -> float:
-    """Robust standard deviation of the medians of each pair's rows; numbers: (n,) each match's
-    pair.
-    """
+    """Robust standard deviation of the medians of pairs' rows; numbers: (n,) of the pairs."""
     medians = [np.median(rest[numbers == number]) for number in np.unique(numbers)]
     return deviation_about_zero(medians - np.median(medians)) if len(medians) > 2 else 0.0

@@ -1,18 +1,23 @@
-"""Geometry of a rectified pair: disparity, depth, range and points, converted into each other; and
-rigid transforms as (4, 4) matrices, p_target = T_target_source @ p_source.
+"""Geometry of a rectified pair: disparity, depth, range and points, converted into each other.
 
 Axes of the rectified left camera: x right, y down, z forward. ``depth_m`` is Z, the distance along
 the optical axis; ``range_m`` is the distance along the ray, which is what water acts on. NaN is
 unknown and stays NaN.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Map = NDArray[np.float32]
+
+DISPARITY_STD_PX = 0.1
+"""Standard error of a disparity, pixels: the median that the matcher states on the sample dive is
+0.09.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,38 +169,52 @@ class RectifiedPair:
         """
         return np.asarray(self.rays * range_m[..., None])
 
+    def project(self, points_m: Array) -> Array:
+        """Compute the pixels of the left image that show points.
 
-Array = NDArray[np.float64]
+        Args:
+            points_m: (..., 3) in the axes of the rectified left camera.
+
+        Returns:
+            (..., 2) x and y; (0, 0) is the center of the top left pixel.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = self.focal_px * points_m[..., :2] / points_m[..., 2:]
+        return np.asarray(pixels + np.array([self.cx_left_px, self.cy_px]))
+
+    def reduced(self, factor: int) -> "RectifiedPair":
+        """The geometry of images in which each pixel is the mean of ``factor`` x ``factor``
+        pixels, without incomplete blocks at the end.
+
+        Args:
+            factor: How many times fewer pixels along each side.
+
+        Returns:
+            The geometry.
+        """
+        return replace(
+            self,
+            focal_px=self.focal_px / factor,
+            cx_left_px=(self.cx_left_px + 0.5) / factor - 0.5,
+            cx_right_px=(self.cx_right_px + 0.5) / factor - 0.5,
+            cy_px=(self.cy_px + 0.5) / factor - 0.5,
+            image_size=(self.image_size[0] // factor, self.image_size[1] // factor),
+        )
+
+    def estimated_range_std_m(self, range_m: Map) -> Map:
+        """Estimate the standard errors of ranges whose own are not known: range depth std / (f B),
+        with DISPARITY_STD_PX as std.
+
+        Args:
+            range_m: (H, W) float32, meters along the ray.
+
+        Returns:
+            (H, W) float32, meters; NaN where the range is unknown.
+        """
+        scale = np.float32(DISPARITY_STD_PX / (self.focal_px * self.baseline_m))
+        return (range_m * self.depth_from_range(range_m) * scale).astype(np.float32)
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
     """K (3, 3) of focal lengths and principal point, pixels."""
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
-
-
-def rigid(R: Array, translation: ArrayLike) -> Array:
-    """Make the (4, 4) transform of a rotation (3, 3) and a translation of three numbers."""
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = np.ravel(translation)
-    return T
-
-
-def rotation_of_quaternion(xyzw: Array) -> Array:
-    """The rotation (3, 3) of a quaternion, w last, of any length; NaN for one of length zero."""
-    x, y, z, w = xyzw / (np.linalg.norm(xyzw) or np.nan)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + 2 * (w * cross + cross @ cross))
-
-
-def inverse_transform(T: Array) -> Array:
-    """The inverse of a rigid transform (4, 4)."""
-    return rigid(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
-
-
-def is_backward(T: Array) -> bool:
-    """Tell whether the second camera stands to the left of the first. T: (4, 4) from the axes of
-    the first to those of the second.
-    """
-    x, y, _ = inverse_transform(T)[:3, 3]
-    return bool(x < -abs(y))

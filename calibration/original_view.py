@@ -72,9 +72,7 @@ class OriginalView:
             )
 
     def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Resample a mask to the raw pixels: (H, W), False where they are not in the rectified
-        image.
-        """
+        """Resample a mask to the raw pixels: (H, W), False outside of the rectified image."""
         return self._remap(mask.astype(np.uint8), cv2.INTER_NEAREST, 0).astype(np.bool_)
 
     def smooth(self, values: Map) -> Map:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import RectifiedPair, rigid
+from calibration.geometry import RectifiedPair
 from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.resizing import wrong_size
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of, roll
+from calibration.transforms import rigid_transform
 from calibration.views import common_view, whole_view
 
 Array = NDArray[np.float64]
@@ -40,30 +41,22 @@ class RectificationPlan:
 
     @cached_property
     def matching_pair(self) -> RectifiedPair:
-        """The geometry of the images that are matched: disparity runs along x, right of the left
-        image.
-        """
+        """The geometry of the matched images: disparity runs along x, right of the left image."""
         return self.pair.turned(-self.pair.quarter_turns)
 
     @property
     def R_left_matching(self) -> Array:
-        """The rotation from the left camera's axes to those of the left image that is matched: (3,
-        3).
-        """
+        """The rotation (3, 3) from the left camera's axes to those of the matched left image."""
         return quarter_turn(self.pair.quarter_turns) @ self.R_left
 
     @property
     def R_right_matching(self) -> Array:
-        """The rotation from the right camera's axes to those of the right image that is matched:
-        (3, 3).
-        """
+        """The rotation (3, 3) from the right camera's axes to those of the matched right image."""
         return quarter_turn(self.pair.quarter_turns) @ self.R_right
 
     @property
     def diagonal_deg(self) -> float:
-        """The angle between the baseline and the nearest axis of the left image, degrees,
-        -45..45.
-        """
+        """The angle between baseline and nearest axis of the left image, -45..45 degrees."""
         return float(np.degrees(roll(self.R_left)))
 
 
@@ -150,7 +143,7 @@ def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
     x, y, _ = -(_half(R).T @ translation)
     turns = round(np.arctan2(y, x) / (np.pi / 2)) % 4
     turn = quarter_turn(-turns)
-    R_left, R_right = rectifying_rotations(rigid(turn @ R @ turn.T, turn @ translation))
+    R_left, R_right = rectifying_rotations(rigid_transform(turn @ R @ turn.T, turn @ translation))
     return turn.T @ R_left @ turn, turn.T @ R_right @ turn @ turned_right, turns
 
 
@@ -299,7 +292,7 @@ class Rectification:
         """The transform of points from the left camera's axes, as calibrated, to the upright
         rectified left camera's: (4, 4).
         """
-        return rigid(self.R_left, -self.R_left @ self.center_left_m)
+        return rigid_transform(self.R_left, -self.R_left @ self.center_left_m)
 
     def rectified_rig(self) -> StereoRig:
         """The rig of the upright rectified images.
@@ -308,7 +301,7 @@ class Rectification:
             A rig without distortion and rotation, of one focal length.
         """
         turn = quarter_turn(-self.pair.quarter_turns)
-        right_of_left = rigid(np.eye(3), turn @ [-self.pair.baseline_m, 0.0, 0.0])
+        right_of_left = rigid_transform(np.eye(3), turn @ [-self.pair.baseline_m, 0.0, 0.0])
         K_right = self.pair.P_left.copy()
         K_right[0, 2] = self.pair.cx_right_px
         none, size = np.zeros(0), self.pair.image_size

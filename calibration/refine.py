@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.geometry import rigid
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refinement import Movement, Refinement
 from calibration.refraction import cameras_in_water
 from calibration.resampling import jackknife, no_worse
 from calibration.rig import StereoRig, quarter_turn
+from calibration.transforms import rigid_transform
 from calibration.verification.conventions import settle_matches
 from calibration.verification.matches import Matches, rectified_matches
 from calibration.verification.rigid_motion import SeenTwice
@@ -113,11 +113,9 @@ def refine_matches(
 
 
 def moved_rig(rig: StereoRig, values: Array) -> StereoRig:
-    """The rig with its right camera moved, turned about its own center. values: (4,), see
-    PARAMETERS.
-    """
+    """The rig with its right camera turned about its center. values: (4,), see PARAMETERS."""
     to_matching = plan_rectification(rig).R_right_matching
-    turn = rigid(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
+    turn = rigid_transform(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
     K = rig.right.K.copy()
     K[:2, :2] *= np.exp(values[2])
     return replace(
@@ -213,7 +211,7 @@ def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Arr
     by_scale = (scaled.rays(pixels_right) - rays_right) / SCALE_STEP
 
     def disparity(values: Array) -> Array:
-        turn = rigid(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
+        turn = rigid_transform(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
         return _row_difference(turn @ T, rays_left, rays_right + by_scale * values[2]) * float(
             rig.left.K[1, 1]
         )
@@ -222,9 +220,7 @@ def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Arr
 
 
 def _residuals(rig: StereoRig, matches: Matches) -> Array:
-    """(n,) right minus left row of raw matches after rectification, in pixels of the left
-    camera.
-    """
+    """(n,) right minus left row of raw matches after rectification, in left pixels."""
     left, right, T = cameras_in_water(rig)
     return _row_difference(T, left.rays(matches.left), right.rays(matches.right)) * float(
         rig.left.K[1, 1]

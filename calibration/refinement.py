@@ -47,9 +47,7 @@ class Refinement:
 
     @property
     def better(self) -> bool:
-        """Tell whether something has moved, and rows of pairs left out of the fit agree better for
-        it.
-        """
+        """Whether something has moved, and rows of pairs left out of the fit agree better."""
         return bool(self.movements) and self.after_px < self.before_px
 
     @property

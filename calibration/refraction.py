@@ -149,9 +149,7 @@ def cameras_in_water(
 
 
 def _bend(directions: Array, normal: Array, ratio: float) -> Array:
-    """Snell's law for unit directions (n, 3) through a plane; ratio: index before over index
-    behind.
-    """
+    """Snell's law for unit directions (n, 3) through a plane; ratio: index before over behind."""
     cosine = directions @ normal
     behind = np.sqrt(1 - ratio**2 * (1 - cosine**2))
     return np.asarray(ratio * directions + (behind - ratio * cosine)[:, None] * normal)

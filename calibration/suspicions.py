@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.geometry import inverse_transform, is_backward
 from calibration.port import FLAT_PORT
 from calibration.rectification import DIAGONAL_DEG, plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
+from calibration.transforms import inverse, is_backward
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def placement_suspicions(rig: StereoRig) -> list[str]:
     """List what is unusual in the position of the right camera: to the left, or diagonal."""
     found = []
     if is_backward(rig.T_right_left):
-        left_m = -float(inverse_transform(rig.T_right_left)[0, 3])
+        left_m = -float(inverse(rig.T_right_left)[0, 3])
         found.append(
             f"the right camera stands {left_m:.3f} m to the LEFT of the left one: this is correct "
             "if the cameras are mounted upside down, or if left and right are exchanged in "

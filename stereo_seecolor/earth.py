@@ -1,5 +1,5 @@
 """Positions on Earth (WGS 84): degrees to meters about an origin and back, geocentric
-coordinates.
+coordinates, and axes.
 """
 
 import numpy as np
@@ -12,6 +12,9 @@ _STEPS = 8
 
 _SEMI_MAJOR_M = 6378137.0  # of WGS 84
 _ECCENTRICITY_SQUARED = 0.00669437999014  # of WGS 84
+
+R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+"""From axes north, east, down to east, north, up."""
 
 
 def north_east_from_degrees(
@@ -102,7 +105,7 @@ def geocentric_from_geodetic(
 
 def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
     """The directions east, north and up in geocentric axes, as rows: (3, 3)."""
-    from scipy.spatial.transform import Rotation  # see geometry.py
+    from scipy.spatial.transform import Rotation  # see calibration/transforms.py
 
     return np.asarray(
         Rotation.from_euler(

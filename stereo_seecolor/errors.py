@@ -17,9 +17,7 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """``text`` on its lines, for a terminal: control characters, which it would obey, become
-    %XX.
-    """
+    """``text`` for a terminal: control characters, which it would obey, become %XX."""
     return _CONTROL.sub(lambda match: _percent(match[0]), text)
 
 

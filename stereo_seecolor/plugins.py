@@ -42,7 +42,5 @@ def load(group: str, name: str, kind: plugins.Kind = object, needs: Sequence[str
 def checked(
     found: Any, group: str, name: str, kind: plugins.Kind = object, needs: Sequence[str] = ()
 ) -> Any:
-    """What a package handed over, if it is what the group takes; see ``load``. Raises
-    PluginError.
-    """
+    """What a package handed over, if the group takes it; see ``load``. Raises PluginError."""
     return plugins.checked(found, f"stereo_seecolor.{group}", name, PluginError, kind, needs)

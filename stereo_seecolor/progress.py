@@ -54,9 +54,7 @@ class Both:
 
 
 class LoggingListener:
-    """Writes progress to the log, and passes it on: stages, failed pairs, each kind of warning
-    once.
-    """
+    """Writes progress to the log, and passes it on; each kind of warning once."""
 
     def __init__(self, then: Listener | None = None) -> None:
         self._then = then or Silence()

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import inverse
 from stereo_seecolor.water.model import PerChannel as PerChannel
 from stereo_seecolor.water.model import Water as Water
 
@@ -415,7 +416,7 @@ class Trajectory:
         """
         if self.camera == "rectified":
             return self
-        T_left_rectified = np.linalg.inv(T_rectified_left)
+        T_left_rectified = inverse(T_rectified_left)
         mounted = self.T_vehicle_camera
         return replace(
             self,

@@ -438,7 +438,6 @@ def write_dive(root: Path, pairs: int = 3, seed: int = 0, dtype: type = np.uint8
             water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
             full = np.iinfo(dtype).max
             cv2.imwrite(
-                str(root / side / f"{i:04d}.png"),
-                np.round(water * full).astype(dtype)[..., ::-1],
+                str(root / side / f"{i:04d}.png"), np.round(water * full).astype(dtype)[..., ::-1]
             )
     return Dive(root, range_m)

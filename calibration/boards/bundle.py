@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import camera_matrix
 from calibration.rig import CameraModel
+from calibration.transforms import transform_points
 
 Array = NDArray[np.float64]
 MAX_ITERATIONS = 100  # a bound: fits end before, by CONVERGED
@@ -98,7 +99,7 @@ class _SideCorners:
         """(n, 3) corners in the axes of the left camera."""
         return np.concatenate(
             [
-                _transform(bundle.T_left_target[view], self.points_m[part])
+                transform_points(bundle.T_left_target[view], self.points_m[part])
                 for view, part in self.views
             ]
         )
@@ -107,7 +108,7 @@ class _SideCorners:
         """Projected minus measured corners: (n, 2) pixels."""
         points = self.in_left(bundle)
         if self.side == 1:
-            points = _transform(bundle.T_right_left, points)
+            points = transform_points(bundle.T_right_left, points)
         projected = project(points, bundle.intrinsics[self.side], bundle.lens.model)[0]
         return projected - self.pixels
 
@@ -165,9 +166,7 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Blocks of J^T J and J^T r: shared parameters U (g, g), views V (v, 6, 6), coupling W (v, g,
-    6).
-    """
+    """Blocks of J^T J and J^T r: shared U (g, g), views V (v, 6, 6), coupling W (v, g, 6)."""
 
     U: Array
     V: Array
@@ -210,7 +209,7 @@ def _linearize(bundle: Bundle, side: _SideCorners, sizes: list[int]) -> tuple[Ar
     )
     by_pose, by_rig = _by_motion(moved), np.zeros((n, 3, 6))
     if side.side == 1:
-        points = _transform(T_rig, points)
+        points = transform_points(T_rig, points)
         by_pose = T_rig[:3, :3] @ by_pose
         by_rig = _by_motion(points - T_rig[:3, 3])
     pixels, by_point, by_intrinsics = project(
@@ -254,9 +253,7 @@ def _step(equations: _Equations, damping: float, poses_only: bool) -> tuple[Arra
 
 
 def _damped(H: Array, damping: float) -> Array:
-    """Marquardt's scaling; a parameter that nothing depends on gets 1, so that it stays where it
-    is.
-    """
+    """Marquardt's scaling; a parameter without effect gets 1, so that it stays where it is."""
     diagonal = np.diagonal(H, axis1=-2, axis2=-1)
     added = np.where(diagonal > 0, diagonal * damping, 1.0)
     return H + added[..., None] * np.eye(H.shape[-1])
@@ -290,7 +287,3 @@ def _cost(bundle: Bundle, sides: Sequence[_SideCorners]) -> float:
     with np.errstate(all="ignore"):
         cost = sum(float((side.residuals(bundle) ** 2).sum()) for side in sides)
     return cost if np.isfinite(cost) else np.inf
-
-
-def _transform(T: Array, points: Array) -> Array:
-    return points @ T[:3, :3].T + T[:3, 3]

@@ -10,8 +10,9 @@ from calibration.boards.bundle import Array, Bundle, CornerObservation, Lens, rm
 from calibration.boards.target_views import TargetView, observations_of
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.geometry import camera_matrix, inverse_transform, rigid
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel
+from calibration.transforms import inverse, rigid_transform
 
 FISHEYE_TRIAL_ITERATIONS = 10  # of each guess; the best one is then fitted to the end
 FISHEYE_FOCAL_GUESSES = (0.25, 0.4, 0.6, 0.9, 1.4)  # of the image's width
@@ -32,7 +33,7 @@ def first_guess(views: Sequence[TargetView], target: Target, lens: Lens) -> Bund
     sides = [[replace(o, side=0) for o in observations if o.side == side] for side in (0, 1)]
     left, right = (fit_camera(lens, own, views[0].image_size) for own in sides)
     steps = [
-        T_right @ inverse_transform(T_left)
+        T_right @ inverse(T_left)
         for T_left, T_right in zip(left.T_left_target, right.T_left_target, strict=True)
     ]
     return Bundle(
@@ -65,23 +66,24 @@ def fit_camera(lens: Lens, observations: list[CornerObservation], image_size: Si
         [focal_px, K[:2, 2], np.ravel(distortion)[:5], np.zeros(lens.coefficients - 5)]
     )
     poses = np.array(
-        [rigid(cv2.Rodrigues(r)[0], t) for r, t in zip(rotations, translations, strict=True)]
+        [
+            rigid_transform(cv2.Rodrigues(r)[0], t.ravel())
+            for r, t in zip(rotations, translations, strict=True)
+        ]
     )
     return solve(Bundle(lens, (intrinsics, intrinsics), np.eye(4), poses), observations)
 
 
 def target_pose(camera: Camera, observation: CornerObservation) -> Array:
-    """Estimate the pose of the target in the camera, (4, 4) target to camera, from one view's
-    corners.
-    """
+    """Estimate the target's pose, (4, 4) target to camera, from one view's corners."""
     rays = camera.rays(observation.pixels)
     seen = np.isfinite(rays[:, 0])
     if seen.sum() < 4:
-        return rigid(np.eye(3), np.array([0, 0, 5 * np.ptp(observation.points_m)]))
+        return rigid_transform(np.eye(3), np.array([0, 0, 5 * np.ptp(observation.points_m)]))
     _, rotation, translation = cv2.solvePnP(
         observation.points_m[seen], rays[seen, :2], np.eye(3), None
     )
-    return rigid(cv2.Rodrigues(rotation)[0], translation)
+    return rigid_transform(cv2.Rodrigues(rotation)[0], translation.ravel())
 
 
 def to_camera(model: CameraModel, intrinsics: Array, image_size: Size) -> Camera:
@@ -107,9 +109,7 @@ def _fit_fisheye(
 
 
 def _middle(transforms: list[Array]) -> Array:
-    """The transform nearest to all others: no mean of rotations needed, and one bad view changes
-    nothing.
-    """
+    """The transform nearest to all others: one bad view changes nothing."""
     stacked = np.array([T[:3].ravel() for T in transforms])
     distances = np.linalg.norm(stacked[:, None] - stacked[None], axis=2).sum(axis=1)
     return transforms[int(np.argmin(distances))]

@@ -119,9 +119,7 @@ def _charuco_rectangles(target: Charuco) -> list[_Rectangle]:
 
 
 def _april_rectangles(target: AprilGrid) -> list[_Rectangle]:
-    """Tags, and the squares that touch their corners, which make every corner one of a
-    chessboard.
-    """
+    """Tags, and the squares that touch their corners: each corner is one of a chessboard."""
     pitch, cell, space = target.tag_m + target.space_m, target.tag_m / CELLS, target.space_m
     rectangles = [
         _Rectangle(target.tag_m + column * pitch, target.tag_m + row * pitch, space, space, True)

@@ -197,9 +197,7 @@ class CalibrationReport:
         ]
 
     def coverage_picture(self) -> NDArray[np.uint8]:
-        """Draw where corners lay, left image beside right: (H, W, 3) RGB; cells without corners are
-        red.
-        """
+        """Draw where corners lay, left beside right: (H, W, 3) RGB; empty cells are red."""
         width, height = self.rig.left.image_size
         scale = 640 / width
         sides = []

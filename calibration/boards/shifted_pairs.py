@@ -13,8 +13,8 @@ from calibration.boards.lens import fit_camera, target_pose, to_camera
 from calibration.boards.target_views import TargetView
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
-from calibration.geometry import inverse_transform
 from calibration.rig import Camera
+from calibration.transforms import inverse
 
 MOST_STEPS = 5  # images that one side may have lost
 # between two pairs' estimates of the rig; a board moves by more from view to view
@@ -118,7 +118,7 @@ def _rig_of_pair(
         target_pose(camera, CornerObservation(0, 0, target.points_m[own.ids], own.pixels))
         for camera, own in sides
     ]
-    return poses[1] @ inverse_transform(poses[0])
+    return poses[1] @ inverse(poses[0])
 
 
 def _alike(rigs: Array, same_place_m: float) -> NDArray[np.bool_]:

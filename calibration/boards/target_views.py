@@ -20,9 +20,7 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, eq=False)
 class TargetView:
-    """A pair's corners. image_size: (width, height); left, right: None where the target was not
-    found.
-    """
+    """A pair's corners. image_size: (width, height); left, right: None if not found."""
 
     name: str
     image_size: Size

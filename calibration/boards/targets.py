@@ -34,9 +34,7 @@ class Chessboard:
         return _grid(self.columns, self.rows, self.square_m)
 
     def detect(self, image: NDArray[np.uint8]) -> Corners | None:
-        """Find all corners of the board in a gray image (H, W), right-handed; None unless all are
-        found.
-        """
+        """All corners of the board in a gray image (H, W), right-handed; None unless all."""
         found = _find_chessboard(image, (self.columns, self.rows))
         if found is None:
             return None
@@ -238,9 +236,7 @@ def _grid(columns: int, rows: int, step_m: float) -> NDArray[np.float64]:
 
 
 def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float64] | None:
-    """(n, 2) corners: the quick detector, then the sector-based one, then both with the contrast
-    raised.
-    """
+    """(n, 2) corners: by the quick detector, the sector-based, both at raised contrast."""
     small, clear, scale = images_for_detection(image)
     quick = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     thorough = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
@@ -276,9 +272,7 @@ def _refine(
 
 
 def _right_handed(pixels: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
-    """Corners numbered so that rows go to the right when columns go down, as on the printed
-    board.
-    """
+    """Corners numbered so that rows go right when columns go down, as on the printed board."""
     grid = pixels.reshape(-1, columns, 2)
     along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if along[0] * down[1] - along[1] * down[0] < 0:

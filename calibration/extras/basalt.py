@@ -20,8 +20,9 @@ from calibration.formats.reading.lens_models import (
     fitted_camera,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, inverse_transform, rigid, rotation_of_quaternion
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
     "pinhole": ("pinhole", ()),
@@ -53,7 +54,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     )
     T_imu_left, T_imu_right = (_pose(pose) for pose in poses)
     with naming(document.where):
-        return StereoRig(left, right, inverse_transform(T_imu_right) @ T_imu_left)
+        return StereoRig(left, right, inverse(T_imu_right) @ T_imu_left)
 
 
 def _two(section: Section, key: str) -> list[Section]:
@@ -97,8 +98,9 @@ def _pose(section: Section) -> NDArray[np.float64]:
         raise CalibrationError(
             f"{section.where}: a quaternion of length {np.sqrt(length2):.3g} is not a rotation"
         )
-    return rigid(
-        rotation_of_quaternion(quaternion), np.array([section.number(f"p{axis}") for axis in "xyz"])
+    return rigid_transform(
+        rotation_from_quaternion(quaternion),
+        np.array([section.number(f"p{axis}") for axis in "xyz"]),
     )
 
 

@@ -13,9 +13,9 @@ from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import rigid
 from calibration.rig import Camera, StereoRig
 from calibration.rig_errors import RigErrors
+from calibration.transforms import rigid_transform
 
 Size = tuple[int, int]
 STDS = 3
@@ -25,9 +25,7 @@ parameters says.
 
 
 def matches(document: Section) -> bool:
-    """True for a stereo file of the toolbox, and for one of a single camera, which parse
-    refuses.
-    """
+    """True for a stereo file of the toolbox, and for one of a single camera, which is refused."""
     return _find(document) is not None
 
 
@@ -46,7 +44,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         R = fields.matrix("R", 3, 3)
     T, doubts = to_meters(fields.numbers("T", 3), "millimeters")
     with naming(fields.where):
-        return StereoRig(left, right, rigid(R, T), doubts=doubts, errors=_errors(fields))
+        return StereoRig(left, right, rigid_transform(R, T), doubts=doubts, errors=_errors(fields))
 
 
 def _errors(fields: Section) -> RigErrors | None:

@@ -16,8 +16,8 @@ from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
-from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 KEY, CAMERA_NUMBERS = "calib_filter", 27
 
@@ -59,8 +59,8 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     left, right = (
         _camera(document.where, numbers[1 + CAMERA_NUMBERS * i :][:CAMERA_NUMBERS]) for i in (0, 1)
     )
-    T = right[1] @ inverse_transform(left[1])
-    places = inverse_transform(right[1]) @ left[1]
+    T = right[1] @ inverse(left[1])
+    places = inverse(right[1]) @ left[1]
     with naming(document.where):
         rigs = [
             rig_in_meters(left[0], right[0], one, None, f"R and t as {reading}")
@@ -74,7 +74,7 @@ def _camera(where: str, numbers: NDArray[np.float64]) -> tuple[Camera, NDArray[n
     camera = make_camera(
         where, K.reshape(3, 3), distortion, (int(size[0]), int(size[1])), "pinhole"
     )
-    return camera, rigid(R.reshape(3, 3), t)
+    return camera, rigid_transform(R.reshape(3, 3), t)
 
 
 FORMAT = RigFormat(matches, parse, decode)

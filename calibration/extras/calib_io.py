@@ -14,8 +14,9 @@ from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
-from calibration.geometry import camera_matrix, inverse_transform, rigid
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
     "libCalib::CameraModelOpenCV": (
@@ -48,8 +49,8 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     sections = [Section(f"{whole.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
     left, right = map(_camera, sections)
     poses = [_pose(section.section("transform")) for section in sections]
-    T = poses[1] @ inverse_transform(poses[0])
-    places = inverse_transform(poses[1]) @ poses[0]
+    T = poses[1] @ inverse(poses[0])
+    places = inverse(poses[1]) @ poses[0]
     with naming(document.where):
         rigs = [
             rig_in_meters(left, right, one, None, f"transforms {reading}")
@@ -64,7 +65,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
 def _pose(transform: Section) -> NDArray[np.float64]:
     turn, place = transform.section("rotation"), transform.section("translation")
     R = cv2.Rodrigues(np.array([turn.number(key) for key in ("rx", "ry", "rz")]))[0]
-    return rigid(R, np.array([place.number(key) for key in "xyz"]))
+    return rigid_transform(R, np.array([place.number(key) for key in "xyz"]))
 
 
 def _camera(section: Section) -> Camera:

@@ -5,8 +5,9 @@ import numpy as np
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, rigid
+from calibration.geometry import camera_matrix
 from calibration.rig import StereoRig
+from calibration.transforms import rigid_transform
 
 
 def matches(document: Section) -> bool:
@@ -26,7 +27,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     lens = document.section("intrinsic")
     K = camera_matrix(*(lens.number(key) for key in ("fx", "fy", "u0", "v0")))
     camera = make_camera(lens.where, K, np.zeros(0), image_size or (2048, 1024), "pinhole")
-    T = rigid(np.eye(3), [-document.section("extrinsic").number("baseline"), 0, 0])
+    T = rigid_transform(np.eye(3), [-document.section("extrinsic").number("baseline"), 0, 0])
     with naming(document.where):
         return StereoRig(camera, camera, T, medium="air")
 

@@ -9,8 +9,8 @@ from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 LEFT, RIGHT = 1, 2  # sockets of the stereo pair where the file does not name them
 MODELS = {0: "perspective", 1: "fisheye"}
@@ -29,7 +29,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     if from_left.number("toCameraSocket") == sockets[1]:
         T = _transform(from_left)
     elif from_right.number("toCameraSocket") == sockets[0]:
-        T = inverse_transform(_transform(from_right))
+        T = inverse(_transform(from_right))
     else:
         raise CalibrationError(
             f"{document.where}: no extrinsics lead from socket {sockets[0]} to {sockets[1]}: "
@@ -65,7 +65,7 @@ def _section(document: Section, socket: int) -> Section:
 def _transform(extrinsics: Section) -> NDArray[np.float64]:
     translation = extrinsics.section("translation")
     T_m = np.array([translation.number(axis) for axis in "xyz"]) / 100
-    return rigid(extrinsics.matrix("rotationMatrix", 3, 3), T_m)
+    return rigid_transform(extrinsics.matrix("rotationMatrix", 3, 3), T_m)
 
 
 def _camera(section: Section) -> Camera:

@@ -6,8 +6,9 @@ from calibration.formats.calibration_format import CameraFormat
 from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import check_sides_named
-from calibration.geometry import camera_matrix, inverse_transform
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
     "radial-tangential": "pinhole",
@@ -29,9 +30,7 @@ def parse(left: Section, right: Section) -> StereoRig:
     """
     T_body_left, T_body_right = (side.matrix("T_BS", 4, 4) for side in (left, right))
     with naming(f"{right.where}: T_BS"):
-        rig = StereoRig(
-            _camera(left), _camera(right), inverse_transform(T_body_right) @ T_body_left
-        )
+        rig = StereoRig(_camera(left), _camera(right), inverse(T_body_right) @ T_body_left)
     check_sides_named(rig, [left.where, right.where])
     return rig
 

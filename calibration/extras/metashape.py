@@ -19,8 +19,8 @@ from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import fitted_camera, metashape
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 SENSORS, SCALE = "sensors of Metashape", "scale"
 TYPES = ("frame", "fisheye")
@@ -83,8 +83,8 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
             "the cameras after alignment"
         )
     slave, master = placed[0], masters[placed[0].content.get("master_id")]
-    T_master_slave = rigid(slave.matrix("rotation", 3, 3), slave.numbers("location", 3))
-    T = inverse_transform(T_master_slave)
+    T_master_slave = rigid_transform(slave.matrix("rotation", 3, 3), slave.numbers("location", 3))
+    T = inverse(T_master_slave)
     T[:3, 3], doubts = _in_meters(document, T[:3, 3])
     left, right = _camera(master), _camera(slave)
     with naming(slave.where):

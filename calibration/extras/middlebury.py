@@ -8,8 +8,8 @@ from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import rigid
 from calibration.rig import StereoRig
+from calibration.transforms import rigid_transform
 
 Size = tuple[int, int]
 
@@ -35,7 +35,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             f"{K_right[0, 2] - K_left[0, 2]:g} px in cx: one is wrong"
         )
     K_right[0, 2] = K_left[0, 2] + doffs_px
-    T = rigid(np.eye(3), [-document.number("baseline") / 1000, 0, 0])
+    T = rigid_transform(np.eye(3), [-document.number("baseline") / 1000, 0, 0])
     left, right = (
         make_camera(document.where, K, np.zeros(0), size, "pinhole") for K in (K_left, K_right)
     )

@@ -14,8 +14,9 @@ from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.lens_models import fitted_camera, omni
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, inverse_transform
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse
 
 DISTORTION_TYPES: dict[str, CameraModel] = {
     "radialtangential": "pinhole",
@@ -49,9 +50,7 @@ def refuse_lenses(left: Section, right: Section) -> StereoRig:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rig of the two cameras. image_size is not needed. Raises CalibrationError, naming the
-    key.
-    """
+    """The rig of the two cameras. image_size is not needed. Raises CalibrationError."""
     if cameras := document.listed("cameras", *POSES):
         if len(cameras) != 2:
             raise CalibrationError(
@@ -63,7 +62,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         lenses = [_camodocal_camera(_beside(document, key)) for key in LENS_FILES]
         poses = [document.matrix(key, 4, 4) for key in ("body_T_cam0", "body_T_cam1")]
     with naming(document.where):
-        return StereoRig(lenses[0], lenses[1], inverse_transform(poses[1]) @ poses[0])
+        return StereoRig(lenses[0], lenses[1], inverse(poses[1]) @ poses[0])
 
 
 def _okvis_camera(section: Section) -> Camera:

@@ -5,8 +5,8 @@ OpenCV's stereoCalibrate.
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import parse_camera
-from calibration.geometry import rigid
 from calibration.rig import StereoRig
+from calibration.transforms import rigid_transform
 
 
 def matches(document: Section) -> bool:
@@ -27,7 +27,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     extrinsics = document.section("extrinsics")
     R, t = extrinsics.matrix("rotation_matrix", 3, 3), extrinsics.numbers("translation_vector", 3)
     with naming(extrinsics.where):
-        return StereoRig(left, right, rigid(R, t))
+        return StereoRig(left, right, rigid_transform(R, t))
 
 
 FORMAT = RigFormat(matches, parse)

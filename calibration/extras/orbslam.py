@@ -9,8 +9,9 @@ from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section
 from calibration.formats.ros import transform_of_projections
-from calibration.geometry import camera_matrix, inverse_transform, rigid
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 Size = tuple[int, int]
 
@@ -54,13 +55,11 @@ def _old_raw(document: Section) -> StereoRig:
 def _two_cameras(
     document: Section, size: Size, names: tuple[str, str], transform: str
 ) -> StereoRig:
-    """Both transforms, T_c1_c2 and Tlr, take the right camera's points to the left: the inverse of
-    ours.
-    """
+    """Both transforms, T_c1_c2 and Tlr, are the inverse of ours: right to left."""
     left, right = (_camera(document, name, size) for name in names)
     rows = document.numbers(transform, 16, 12)[:12].reshape(3, 4)
     T_left_right = np.vstack([rows, [0, 0, 0, 1]])
-    return StereoRig(left, right, inverse_transform(T_left_right))
+    return StereoRig(left, right, inverse(T_left_right))
 
 
 def _rectified(document: Section, size: Size) -> StereoRig:
@@ -75,7 +74,7 @@ def _rectified(document: Section, size: Size) -> StereoRig:
         baseline_m = document.number("Stereo.b")
     else:
         baseline_m = document.number(document.first("Camera.bf", "Stereo.b")) / camera.K[0, 0]
-    return StereoRig(camera, camera, rigid(np.eye(3), [-baseline_m, 0, 0]))
+    return StereoRig(camera, camera, rigid_transform(np.eye(3), [-baseline_m, 0, 0]))
 
 
 def _camera(document: Section, name: str, size: Size) -> Camera:

@@ -26,8 +26,8 @@ from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import brown_terms
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
-from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 Array = NDArray[np.float64]
 MARK = "SeaGIS .cam"
@@ -98,7 +98,7 @@ def parse(left: Section, right: Section) -> StereoRig:
 def _read_as(left: Section, right: Section, corrects: bool, to_camera: bool) -> StereoRig:
     cameras = [_camera(side, corrects) for side in (left, right)]
     poses = [_pose(side, to_camera) for side in (left, right)]
-    T = poses[1] @ inverse_transform(poses[0])
+    T = poses[1] @ inverse(poses[0])
     distortion = "added to measured points" if corrects else "part of measured points"
     angles = (
         "from the object's axes to the camera's"
@@ -190,7 +190,7 @@ def _pose(section: Section, to_camera: bool) -> Array:
     ).as_matrix()
     R = Y_DOWN @ (R if to_camera else R.T)
     center = np.array([section.number(name) for name in ("X", "Y", "Z")])
-    return rigid(R, -R @ center)
+    return rigid_transform(R, -R @ center)
 
 
 FORMAT = CameraFormat("SeaGIS", matches, parse, decode)

@@ -14,8 +14,9 @@ from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, rigid
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import rigid_transform
 
 SIZES = {
     "4K": (3840, 2160),
@@ -36,9 +37,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig at the resolution of the images. Raises CalibrationError where the file does not have
-    it.
-    """
+    """The rig at the resolution of the images. Raises CalibrationError without it."""
     held = {
         size: name
         for name, size in SIZES.items()
@@ -60,7 +59,10 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
         )
     )[0]
     with naming(document.where):
-        rigs = [StereoRig(left, right, rigid(Q, T), "air", reading=text) for Q, text in _senses(R)]
+        rigs = [
+            StereoRig(left, right, rigid_transform(Q, T), "air", reading=text)
+            for Q, text in _senses(R)
+        ]
     return rigs[0].with_alternatives(rigs[1:])
 
 

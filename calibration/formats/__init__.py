@@ -272,9 +272,7 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
 
 
 def _within(document: Section) -> Iterator[Section]:
-    """The document, and what a mapping around all of it holds: ``stereo_calibration: {K1:
-    ...}``.
-    """
+    """The document, and what a mapping around it holds: ``stereo_calibration: {K1: ...}``."""
     yield document
     for _ in range(MAX_AROUND):
         if len(document.content) != 1:

@@ -14,8 +14,8 @@ from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import field_of_view, fitted_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
@@ -69,7 +69,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             f"{document.where}: contains cameras but no rig: give the file of the rig, too, as "
             "rigs.txt,cameras.txt or rig_config.json,cameras.txt"
         )
-    T = poses[1] @ inverse_transform(poses[0])
+    T = poses[1] @ inverse(poses[0])
     T[:3, 3], doubts = to_meters(T[:3, 3], None)
     if document.has(RIGS):
         doubts = (
@@ -140,9 +140,7 @@ def _of_config(
 
 
 def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camera], list[Array]]:
-    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then for each other sensor TYPE ID HAS_POSE and its
-    pose.
-    """
+    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then TYPE ID HAS_POSE and the pose of the others."""
     rows = [row for row in document.content[RIGS] if int(row[1]) == 2]
     if len(rows) != 1 or len(rows[0]) < 14 or rows[0][6] != "1":
         raise CalibrationError(
@@ -165,7 +163,7 @@ def _pose(where: str, numbers: Array) -> Array:
     """(4, 4) of qw qx qy qz tx ty tz."""
     if not 0.9 < np.linalg.norm(np.clip(numbers[:4], -2, 2)) < 1.1:
         raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is not a rotation")
-    return rigid(rotation_of_quaternion(numbers[[1, 2, 3, 0]]), numbers[4:])
+    return rigid_transform(rotation_from_quaternion(numbers[[1, 2, 3, 0]]), numbers[4:])
 
 
 def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:

@@ -22,8 +22,9 @@ from calibration.formats.reading.lens_models import (
     omni,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, inverse_transform, is_backward
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse, is_backward
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
     "radtan": "pinhole",
@@ -44,9 +45,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section) -> StereoRig:
-    """The rig of cam0 and cam1. Where cam1 stands to the left of cam0, it becomes the left
-    camera.
-    """
+    """The rig of cam0 and cam1. If cam1 stands to the left of cam0, it becomes the left camera."""
     if document.has("cam2"):
         raise CalibrationError(
             f"{document.where}: holds more than two cameras: keep the two of the stereo pair, as "
@@ -66,7 +65,7 @@ def parse(document: Section) -> StereoRig:
     with naming(sections[1].where + ": T_cn_cnm1"):
         if is_backward(T):
             _check_topics(topics[::-1])
-            return StereoRig(cameras[1], cameras[0], inverse_transform(T), errors=errors)
+            return StereoRig(cameras[1], cameras[0], inverse(T), errors=errors)
         _check_topics(topics)
         return StereoRig(cameras[0], cameras[1], T, errors=errors)
 
@@ -76,11 +75,10 @@ def _pose(sections: list[Section]) -> NDArray[np.float64]:
     T_imu_cam), from these.
     """
     if not sections[1].has("T_cn_cnm1"):
-        for key, inverse in (("T_cam_imu", False), ("T_imu_cam", True)):
+        for key in ("T_cam_imu", "T_imu_cam"):
             if all(section.has(key) for section in sections):
-                poses = [section.matrix(key, 4, 4) for section in sections]
-                left, right = (inverse_transform(pose) if inverse else pose for pose in poses)
-                return right @ inverse_transform(left)
+                left, right = (section.matrix(key, 4, 4) for section in sections)
+                return right @ inverse(left) if key == "T_cam_imu" else inverse(right) @ left
     return sections[1].matrix("T_cn_cnm1", 4, 4)
 
 
@@ -116,9 +114,7 @@ def _parse_camera(section: Section) -> Camera:
 
 
 def _other_lens(section: Section, model: str, name: str) -> Camera:
-    """A lens that OpenCV has no model for: parameters of the lens stand before the focal
-    lengths.
-    """
+    """A lens that OpenCV has no model for: the lens's parameters precede the focal lengths."""
     count = {"omni": 1, "ds": 2, "eucm": 2, "pinhole": 0}.get(model)
     if (
         count is None

@@ -20,8 +20,8 @@ from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.cameras import five_coefficients, make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
-from calibration.geometry import rigid
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import rigid_transform
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
@@ -63,7 +63,10 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     T, unit = _translation(stereo), _unit(sections[0])
     readings = _rotations(stereo, document, sections)
     with naming(stereo.where):
-        rigs = [rig_in_meters(left, right, rigid(R, T), unit, reading) for reading, R in readings]
+        rigs = [
+            rig_in_meters(left, right, rigid_transform(R, T), unit, reading)
+            for reading, R in readings
+        ]
         return rigs[0].with_alternatives(rigs[1:])
 
 
@@ -210,7 +213,7 @@ def _pose(stereo: Section) -> Array:
             f"{pose.where}: holds no rotation and translation (its keys: "
             f"{', '.join(pose.content)[:100]})"
         )
-    return rigid(pose.matrix(sizes[9], 3, 3), pose.numbers(sizes[3], 3))
+    return rigid_transform(pose.matrix(sizes[9], 3, 3), pose.numbers(sizes[3], 3))
 
 
 def _unit(camera: Section) -> str | None:

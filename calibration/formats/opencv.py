@@ -18,8 +18,9 @@ from calibration.formats.reading.finder import Parts, Role, Side, describe_misco
 from calibration.formats.reading.leaves import texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix, inverse_transform, is_backward
+from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse, is_backward
 
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
@@ -127,14 +128,12 @@ def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
         senses.append((FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other))
         return senses[::-1] if backward and not is_backward(pose.other) else senses
     if pose.is_open and backward:
-        return [(BACKWARD, inverse_transform(pose.T)), (FORWARD, pose.T)]
+        return [(BACKWARD, inverse(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]
 
 
 def write(rig: StereoRig, path: Path) -> None:
-    """Write one FileStorage, in the notation of the path's extension: .yml, .yaml, .xml or
-    .json.
-    """
+    """Write one FileStorage, in the notation of the extension: .yml, .yaml, .xml or .json."""
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
         raise CalibrationError(
             "OpenCV writes .yml, .xml or .json; the extension selects the notation"

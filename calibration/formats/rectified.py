@@ -12,8 +12,8 @@ from calibration.formats.reading.leaves import words
 from calibration.formats.reading.poses import has_pose
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
-from calibration.geometry import rigid
 from calibration.rig import StereoRig
+from calibration.transforms import rigid_transform
 
 
 def matches(document: Section) -> bool:
@@ -44,4 +44,4 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
         "rectified"
     )
     with naming(document.where):
-        return StereoRig(camera, camera, rigid(np.eye(3), shift), doubts=(doubt, *doubts))
+        return StereoRig(camera, camera, rigid_transform(np.eye(3), shift), doubts=(doubt, *doubts))

@@ -14,9 +14,9 @@ from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import is_backward, rigid
 from calibration.rectification import upright_rotations
 from calibration.rig import Camera, CameraModel, StereoRig, quarter_turn
+from calibration.transforms import is_backward, rigid_transform
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
     "plumb_bob": "pinhole",
@@ -110,7 +110,7 @@ def transform_of_projections(
             "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations "
             "without a baseline; calibrate the two cameras as a stereo pair"
         )
-    return rigid(rotations[1].T @ rotations[0], rotations[1].T @ offset)
+    return rigid_transform(rotations[1].T @ rotations[0], rotations[1].T @ offset)
 
 
 def rectified_rig(

@@ -263,9 +263,7 @@ def enlarged_side(couples: Sequence[SeenTwice], geometry: RectifiedPair, scale: 
 
 
 def _rest_px(couple: SeenTwice, geometry: RectifiedPair, left: float, right: float) -> float:
-    """What a rigid motion leaves where the images of the second moment are resized by these
-    factors.
-    """
+    """What a rigid motion leaves if the images of the second moment are resized by these."""
     x, y, disparity = couple.second.T
     back = np.column_stack([left * x, left * y, left * x - right * (x - disparity)])
     try:

@@ -18,6 +18,7 @@ from calibration.rectification import (
 )
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig, quarter_turn
+from calibration.transforms import transform_points
 from calibration.verification.matches import Matches
 from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.rigid_motion import SeenTwice
@@ -112,7 +113,7 @@ class Reading:
     def taken(self, points: Array) -> tuple[Array, Array]:
         """(n, 2) raw pixels of points (n, 3)."""
         left, right, T = cameras_in_water(self.rig)
-        return left.project(points), right.project(points @ T[:3, :3].T + T[:3, 3])
+        return left.project(points), right.project(transform_points(T, points))
 
 
 def reading_of(rig: StereoRig, causes: Sequence[int], amounts: Array) -> Reading:

@@ -105,9 +105,7 @@ class RigEvidence:
         return max(1.0, self.misfit(errors) / free)
 
     def relative_to_disparity(self, points: DivePoints) -> float:
-        """What is left of the rows, most over the image, or of the motion, over the median
-        disparity.
-        """
+        """What is left of the rows over the image, or of the motion over the median disparity."""
         disparity = self.left[:, 0] - self.right[:, 0]
         middle_px = float(np.median(disparity))
         terms = _terms(self.right, disparity, points.geometry)

@@ -127,9 +127,7 @@ def describe_right(
 
 
 def match_described(first: Described, second: Described, limits: MatchLimits) -> Matches:
-    """Match the features of two images, and refine their places; the points are called left and
-    right.
-    """
+    """Match the features of two images, and refine their places."""
     at_first, at_second = _alike(first, second)
     near = np.abs(at_first[:, 1] - at_second[:, 1]) < limits.max_row_fraction * len(first.image)
     return _refine([first.image, second.image], at_first[near], at_second[near])

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import inverse_transform, rigid
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse, rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def _transformed(change: Callable[[Array, Array], tuple[Array, Array]]) -> Calla
 
     def make(rig: StereoRig) -> StereoRig:
         R, t = change(rig.T_right_left[:3, :3], rig.T_right_left[:3, 3])
-        return replace(rig, T_right_left=rigid(R, t))
+        return replace(rig, T_right_left=rigid_transform(R, t))
 
     return make
 
@@ -68,7 +68,7 @@ def _with_lenses_exchanged(rig: StereoRig) -> StereoRig:
 
 
 def _exchanged(rig: StereoRig) -> StereoRig:
-    T = inverse_transform(rig.T_right_left)
+    T = inverse(rig.T_right_left)
     return replace(rig, left=rig.right, right=rig.left, T_right_left=T)
 
 
@@ -84,7 +84,7 @@ def rectified_like(rig: StereoRig) -> StereoRig:
     camera = Camera(rig.left.K, np.zeros(0), rig.left.image_size)
     along = np.eye(3)[int(np.abs(rig.T_right_left[:2, 3]).argmax())]
     shift = np.copysign(rig.baseline_m, rig.T_right_left[:3, 3]) * along
-    return replace(rig, left=camera, right=camera, T_right_left=rigid(np.eye(3), shift))
+    return replace(rig, left=camera, right=camera, T_right_left=rigid_transform(np.eye(3), shift))
 
 
 def _images(sides: str, how: str, fix: str, left: Flip, right: Flip) -> Mistake:

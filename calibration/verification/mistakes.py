@@ -64,9 +64,7 @@ class Fit:
         return self.in_front < 1 - LIMITS.in_front
 
     def explains(self, given: "Fit", most_px: float) -> bool:
-        """Tell whether this fit, off by at most most_px, can be the truth where ``given``
-        cannot.
-        """
+        """Whether this fit, off by at most most_px, can be the truth where ``given`` cannot."""
         good = self.off_px < most_px and self.in_front > LIMITS.in_front
         most_behind_px = max(LIMITS.behind_px, given.off_px / LIMITS.better_behind)
         better = given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px)

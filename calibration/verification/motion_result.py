@@ -101,9 +101,7 @@ class Motion:
 
     @property
     def measured(self) -> RangeError | None:
-        """The error of ranges; None where motion does not show it, or one number does not describe
-        it.
-        """
+        """The error of ranges; None where motion or one number does not describe it."""
         if self.is_misfit or self._is_uneven or not self.is_known:
             return None
         return RangeError(self.range_error, self.range_std, self.at_m)
@@ -115,9 +113,7 @@ class Motion:
 
     @property
     def _is_uneven(self) -> bool:
-        """True if disparities are wrong by amounts that differ over the image or from pair to
-        pair.
-        """
+        """Whether disparities are wrong by amounts that differ over the image or by pair."""
         return bool(self.rows_px or self.columns_px or self.between_px)
 
     @property

@@ -206,9 +206,7 @@ def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> tup
 
 
 def corrected_points(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array:
-    """(n, 3) points with what is wrong added to their disparities: an offset, over columns, over
-    rows.
-    """
+    """(n, 3) points with what is wrong with their disparities: offset, columns, rows."""
     half = np.array(geometry.image_size) / 2
     corrected = points.copy()
     corrected[:, 2] += wrong_px[0]

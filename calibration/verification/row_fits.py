@@ -31,9 +31,7 @@ def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
 
 
 def robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
-    """Fit by least absolute deviations, iteratively reweighted; return coefficients and
-    residuals.
-    """
+    """Fit by least absolute deviations, reweighted; return coefficients and residuals."""
     weights = np.ones(len(values))
     sizes = np.maximum(np.linalg.norm(terms, axis=0), 1e-12)
     scaled = terms / sizes

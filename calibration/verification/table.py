@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import rigid
 from calibration.port import FLAT_PORT, flat_port
 from calibration.rectification import upright_rotations
 from calibration.rig import Camera, StereoRig
+from calibration.transforms import rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def _direction(rig: StereoRig, direction: int) -> int:
 def _turned(about: int) -> Callable[[StereoRig, float], StereoRig]:
     def make(rig: StereoRig, angle_rad: float) -> StereoRig:
         R = cv2.Rodrigues(angle_rad * np.eye(3)[_direction(rig, about)])[0]
-        return replace(rig, T_right_left=rigid(R, np.zeros(3)) @ rig.T_right_left)
+        return replace(rig, T_right_left=rigid_transform(R, np.zeros(3)) @ rig.T_right_left)
 
     return make
 
@@ -126,9 +126,7 @@ def _bent_more(camera: Camera, more: float) -> Camera:
 
 
 def _in_water(rig: StereoRig, more: float) -> StereoRig:
-    """A rig that was calibrated in air, behind flat ports, in what bends light by an index of 1 +
-    more.
-    """
+    """A rig calibrated in air behind flat ports, in what has an index of 1 + more."""
     if rig.port is not None:
         return rig
     port = replace(flat_port(FLAT_PORT), water_index=1 + more)

@@ -122,9 +122,7 @@ class RowCheck:
 
     @property
     def no_rig(self) -> bool:
-        """Tell whether pairs contradict each other, as those of one moving camera, or of two
-        moments, do.
-        """
+        """Whether pairs contradict each other, as those of one moving camera do."""
         return self.between_pairs_px > max(LIMITS.between_px, LIMITS.clear * self.row_error_px)
 
     @property
@@ -207,9 +205,7 @@ class RowCheck:
 
     @property
     def _between(self) -> str:
-        """What differs from pair to pair in the motion, and does so without the cause that was
-        found.
-        """
+        """What differs between pairs in the motion, and does so without the cause found."""
         return "" if self.causes.explains_motion else self.motion.between
 
     @property

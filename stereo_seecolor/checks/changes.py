@@ -64,9 +64,7 @@ class DiveChange:
 
 
 def look_at(rectification: Rectification, pair: Pair, images: InputConfig) -> PairRows | None:
-    """Describe a pair by a quick look at its rows; None where it cannot be read or shows too
-    little.
-    """
+    """Describe a pair by a quick look at its rows; None if unreadable or too poor."""
     with suppress(InputError, CalibrationError):
         return _rows_of(rectification, read_both(pair, images))
     return None
@@ -200,9 +198,7 @@ def _side(
     changes: Changes,
     images: InputConfig,
 ) -> str:
-    """The side whose lens changed at the pair ``first``; "" where that is not seen, or no lens
-    did.
-    """
+    """The side whose lens changed at the pair ``first``; "" where none did, or it is not seen."""
     if changes.scale != changes.scale:  # NaN
         return ""
     after = [pairs[first + step] for step in AFTER if first + step < len(pairs)]

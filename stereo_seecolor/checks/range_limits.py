@@ -61,9 +61,7 @@ class RangeLimits:
 
 
 def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, ...]:
-    """The limits that too many features lie outside of. range_m: (n,) ranges of features,
-    meters.
-    """
+    """The limits that too many features lie outside of. range_m: (n,) of features, meters."""
     if range_m.size == 0:
         return ()
     near_m, far_m = np.percentile(range_m, CONSTANTS.ends)

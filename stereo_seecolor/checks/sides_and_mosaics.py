@@ -30,9 +30,7 @@ and blue in turn, 0.15 to 0.45 of three colored dives; else at most 0.003."""
 
 
 def gray_side(images: DiveImages) -> DiveVerdict:
-    """Left images without color, whose corrected images have none; wrong beside right ones with
-    it.
-    """
+    """Left images without color, as are their corrected ones; wrong if right ones have it."""
     looked_at, of_right = evenly_spaced(images.pairs, LOOKED_AT), []
     for pair in looked_at:
         with suppress(InputError):

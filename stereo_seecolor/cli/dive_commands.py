@@ -80,9 +80,7 @@ def run(
             chosen = execution.options(workers, settings.config, listener)
             if fuse:
                 # loads what only a map needs
-                from stereo_seecolor.commands.fuse import (
-                    check_fusion,
-                )
+                from stereo_seecolor.commands.fuse import check_fusion
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
                 chosen = replace(chosen, also_read=check_fusion(poses, loaded))

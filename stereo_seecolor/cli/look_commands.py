@@ -39,9 +39,7 @@ def inspect(places: Places, report: LoggedReport) -> None:
     with report.working():
         found = look(places)
     report.end(
-        vars(found),
-        inspection_text(found),
-        EXIT_SOME_FAILED if found.is_wrong else EXIT_DONE,
+        vars(found), inspection_text(found), EXIT_SOME_FAILED if found.is_wrong else EXIT_DONE
     )
 
 

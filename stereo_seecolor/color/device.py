@@ -23,9 +23,7 @@ def find_device(name: str) -> torch.device:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Use one thread in torch in this block: the tensors of a fit are small, and waiting threads
-    spin.
-    """
+    """Use one thread in torch: the tensors of a fit are small, and waiting threads spin."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -61,9 +61,7 @@ def with_gps(content: bytes, gps: dict[int, object]) -> bytes:
 
 
 def gps_tags(point: TrackPoint, origin: GeoOrigin) -> dict[int, object]:
-    """EXIF's GPS tags of a camera's position: WGS84, and its depth as an altitude below sea
-    level.
-    """
+    """EXIF's GPS tags of a camera's position: WGS84, its depth as an altitude below zero."""
     latitude_deg, longitude_deg = degrees_from_north_east(point.y_m, point.x_m, origin)
     tags = ExifTags.GPS
     return {

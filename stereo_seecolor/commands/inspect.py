@@ -113,9 +113,7 @@ def inspect(places: Sequence[Path]) -> Inspection:
 
 
 def _searched(places: Sequence[Path]) -> list[Path]:
-    """Where the sides may be: folders, videos, and of single images and of patterns for them the
-    folders.
-    """
+    """Where the sides may be: folders, videos, and the folders of images and patterns."""
     found: dict[Path, None] = {}
     for path in places:
         if path.is_dir() or is_video(path):

@@ -62,9 +62,7 @@ class Tested:
 
     @property
     def rows(self) -> RowCheck | None:
-        """Vertical disparity on sample pairs, None where too few points were found in both
-        images.
-        """
+        """Vertical disparity on sample pairs; None if both images share too few points."""
         return self.facts.rows if self.facts else None
 
     @property

@@ -152,9 +152,7 @@ def measure(
 def _processed(
     pipeline: Pipeline, reader: FrameReader, pair: Pair
 ) -> tuple[FrameResult, float] | None:
-    """The result of a pair through all stages, and the seconds that a run spends on it; None if it
-    fails.
-    """
+    """The result of a pair through all stages, and its seconds; None if it fails."""
     start = time.perf_counter()
     frame = reader.read(pair)
     read_s = time.perf_counter() - start

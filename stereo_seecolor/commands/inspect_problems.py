@@ -65,9 +65,7 @@ def _together(sides: Sides) -> str:
 def missing_calibration(
     places: Sequence[Path], calibrations: Sequence[FoundCalibration], size: tuple[int, int]
 ) -> tuple[str, ...]:
-    """Where no calibration was found: why files that look like one were refused, or how to
-    make one.
-    """
+    """Where no calibration was found: why files like one were refused, or how to make one."""
     if calibrations:
         return ()
     refused = refused_calibrations(places, size)
@@ -106,9 +104,7 @@ def calibration_problems(
 
 
 def one_camera_notes(sides: Sides, size: tuple[int, int]) -> tuple[str, ...]:
-    """A line for one video whose pictures are hardly wide enough to show two cameras. size: of a
-    half.
-    """
+    """A line for one video hardly wide enough to show two cameras. size: of a half."""
     width, height = size
     if sides.left != sides.right or width >= height:
         return ()

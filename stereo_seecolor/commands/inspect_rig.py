@@ -55,9 +55,7 @@ def _folders(places: Sequence[Path], paths: Sequence[Path]) -> set[Path]:
 
 
 def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple[str, ...]:
-    """A line for each file that is a calibration by its content but cannot be used, with the
-    reason.
-    """
+    """A line for each calibration that cannot be used, with the reason."""
     refused = [
         f"{path}: is an archive: unpack it, if it holds the calibration"
         for path in sorted(candidates(places, ARCHIVES, LARGEST_BYTES))
@@ -75,8 +73,7 @@ def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple
 
 def _all_candidates(places: Sequence[Path]) -> list[Path]:
     return sorted(
-        candidates(places, EXTENSIONS, LARGEST_BYTES),
-        key=lambda path: natural_key(str(path)),
+        candidates(places, EXTENSIONS, LARGEST_BYTES), key=lambda path: natural_key(str(path))
     )
 
 

@@ -1,4 +1,4 @@
-"""The calibration file of a dive: read for the images of the dive, and refined with its pairs."""
+"""The calibration file of a dive, read for the images of the dive."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,11 +11,8 @@ from calibration.port import flat_port
 from calibration.resizing import wrong_size
 from calibration.rig import for_channels
 from calibration.verification.conventions import resolve_convention
-from calibration.verification.matches import Matches, raw_matches
-from stereo_seecolor.checks.rig import refine_on_dive
-from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images, read_both
+from stereo_seecolor.checks.sample import DECIDING_PAIRS, evenly_spaced, first_images
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.halves import is_half
@@ -23,7 +20,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.video_frames import is_video
 from stereo_seecolor.plugins import load
-from stereo_seecolor.records import FrameRow, Image, is_monochrome
+from stereo_seecolor.records import Image, is_monochrome
 
 REFINING_PAIRS = 8
 """Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as
@@ -128,24 +125,3 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
         return resolve_convention(
             rig, first_images(evenly_spaced(pairs, REFINING_PAIRS), images, REFINING_PAIRS)
         )
-
-
-def refine_rig(
-    rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions
-) -> StereoRig:
-    """The rig refined with pairs spread over the dive, those that can be read. Raises
-    CalibrationError if it cannot be.
-    """
-
-    def matched(pair: Pair) -> tuple[Pair, Matches | None]:
-        try:
-            return pair, raw_matches(rig, [read_both(pair, images)])[0]
-        except InputError:
-            return pair, None  # the run names it
-
-    chosen, found = evenly_spaced(pairs, REFINING_PAIRS), []
-    options.listener.begin("calibration", len(chosen))
-    for pair, matches in options.compute.each(matched, chosen):
-        options.listener.advance(FrameRow(pair.name))
-        found += [matches] if matches else []
-    return refine_on_dive(rig, found, pairs, images)

@@ -4,14 +4,17 @@ from collections.abc import Sequence
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import native
+from calibration.verification.matches import Matches, raw_matches
 from calibration.verification.mistakes import LIMITS, likely_mistake
-from stereo_seecolor.checks.sample import evenly_spaced, first_images
-from stereo_seecolor.commands.rig_loading import REFINING_PAIRS, refine_rig
+from stereo_seecolor.checks.rig import refine_on_dive
+from stereo_seecolor.checks.sample import evenly_spaced, first_images, read_both
+from stereo_seecolor.commands.rig_loading import REFINING_PAIRS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.cache import KeptRefinement
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.version import __version__
@@ -40,17 +43,21 @@ def refined_for_dive(
             for name, hashes in kept.items()
         ):
             return earlier[1], earlier[0].note
-    used, note = _refined(rig, pairs, images, options)
+    used, note = _refined(rig, chosen, pairs, images, options)
     hashes_of = {pair.name: _hashes(pair, folder, options) for pair in chosen}
     KeptRefinement(native.to_content(used), hashes_of, note).save(folder.root, key)
     return used, note
 
 
 def _refined(
-    rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions
+    rig: StereoRig,
+    chosen: Sequence[Pair],
+    pairs: Sequence[Pair],
+    images: InputConfig,
+    options: RunOptions,
 ) -> tuple[StereoRig, str]:
     try:
-        refined = refine_rig(rig, pairs, images, options)
+        refined = refine_rig(rig, chosen, pairs, images, options)
     except CalibrationError as error:
         return rig, f"calibration: used unchanged, because it could not be refined: {error}"
     found = refined.refinement
@@ -65,10 +72,33 @@ def _refined(
     return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
 
 
-def _hashes(pair: Pair, folder: RunFolder, options: RunOptions) -> dict[str, str]:
-    """SHA-256 of a pair's files, by side; empty for a pair that cannot be read, which the run
-    names.
+def refine_rig(
+    rig: StereoRig,
+    chosen: Sequence[Pair],
+    pairs: Sequence[Pair],
+    images: InputConfig,
+    options: RunOptions,
+) -> StereoRig:
+    """The rig refined with chosen pairs of a dive, those that can be read. Raises CalibrationError
+    if it cannot be.
     """
+
+    def matched(pair: Pair) -> tuple[Pair, Matches | None]:
+        try:
+            return pair, raw_matches(rig, [read_both(pair, images)])[0]
+        except InputError:
+            return pair, None  # the run names it
+
+    found = []
+    options.listener.begin("calibration", len(chosen))
+    for pair, matches in options.compute.each(matched, chosen):
+        options.listener.advance(FrameRow(pair.name))
+        found += [matches] if matches else []
+    return refine_on_dive(rig, found, pairs, images)
+
+
+def _hashes(pair: Pair, folder: RunFolder, options: RunOptions) -> dict[str, str]:
+    """SHA-256 of a pair's files, by side; empty for a pair that cannot be read."""
     sides = {"left": pair.left, "right": pair.right}
     try:
         files = folder.frames.inputs(pair.name, sides, options.verify)

@@ -15,18 +15,14 @@ from stereo_seecolor.run_folder.reports import RunDescription
 
 @dataclass(frozen=True, eq=False)
 class RunPage:
-    """Writes OUT/index.html of a run into ``folder``. options: say when. run: the command's
-    description.
-    """
+    """Writes a run's OUT/index.html. options: say when. run: the command's description."""
 
     options: RunOptions
     folder: RunFolder
     run: RunDescription
 
     def listening(self) -> RunOptions:
-        """The options of the run, with a listener that writes the page while the run works, if
-        asked for.
-        """
+        """The options of the run, with a listener that writes the page meanwhile, if asked."""
         if self.options.page != "live":
             return self.options
         from stereo_seecolor.report.live_page import LivePage  # loads the templates

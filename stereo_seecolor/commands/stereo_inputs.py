@@ -186,9 +186,7 @@ class Opened:
         return Opened(replace(pairing, ranges=known.ranges, left_out=known.left_out), pipeline)
 
     def part(self, shard: Shard) -> "Opened":
-        """The inputs of one shard: its pairs, and, for the first shard, the files without a
-        partner.
-        """
+        """The inputs of one shard: its pairs; the first has the files without a partner, too."""
         if shard.whole:
             return self
         pairs = tuple(shard.part(self.pairing.pairs))
@@ -202,9 +200,7 @@ class Opened:
 
 
 def _refuse_equal_names(pairing: Pairing) -> None:
-    """Raise InputError where two left images have one name: files in OUT/original are named after
-    them.
-    """
+    """Raise InputError if left images share a name: files in OUT/original have these."""
     seen: dict[str, Path] = {}
     for pair in pairing.pairs:
         other = seen.setdefault(pair.left.stem.casefold(), pair.left)

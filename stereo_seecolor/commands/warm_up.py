@@ -68,9 +68,7 @@ def _call(name: str) -> None:
 
 
 def warm_up_fit() -> None:
-    """Compile the kernels of decoding, counting, the cloud, and the page's ranges; load those of
-    fitting.
-    """
+    """Compile the kernels of decoding, counting, cloud and page; load those of fitting."""
     from stereo_seecolor.report.plane_code import coded
     from stereo_seecolor.report.range_code import range_codes
 

@@ -72,9 +72,7 @@ class WorkBehind:
 
 
 class Alongside:
-    """Does work that waits for a disk, each piece in a thread of its own, while the caller
-    goes on.
-    """
+    """Does work that waits for a disk, each piece in its thread, while the caller goes on."""
 
     def __init__(self) -> None:
         self._under_way: list[Future[None]] = []

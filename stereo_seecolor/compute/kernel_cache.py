@@ -126,9 +126,7 @@ if numba.__version__.startswith(LINKED_IN):
 
 
 def is_missing(found: Any) -> bool:
-    """True if the code of a function from ``dispatcher`` can be kept on disk, and is not there
-    yet.
-    """
+    """Whether the code of a function of ``dispatcher`` can be kept on disk, and is not yet."""
     try:
         file = found._cache._cache_file
         return not file._load_index() and os.access(file._cache_path, os.W_OK)
@@ -229,9 +227,7 @@ class _KernelFiles(IndexDataCacheFile):
         self._write(self._data_path(name), data)  # type: ignore[no-untyped-call]
 
     def _read(self, path: Path) -> Any:
-        """The content of a file; None where it is missing, damaged, or of other sources or another
-        numba.
-        """
+        """The content of a file; None if missing, damaged, or of other sources or numba."""
         try:
             content = path.read_bytes()
         except FileNotFoundError:

@@ -20,9 +20,7 @@ FREE = -1
 
 
 class Names(Lazy[str]):
-    """Different names in the order in which they were added: 40 bytes each, while a dict takes
-    200.
-    """
+    """Different names in the order of their adding: 40 bytes each, while a dict takes 200."""
 
     def __init__(self, names: Iterable[str] = ()) -> None:
         self._text, self._ends = bytearray(), array("q", [0])
@@ -80,9 +78,7 @@ class Names(Lazy[str]):
 
 
 def _unpickled(text: bytes, ends: bytes) -> Names:
-    """The names from a pickle; the hash table is made again, since another process has other
-    hashes.
-    """
+    """The names from a pickle; the hash table is made again: hashes differ by process."""
     names = Names()
     names._text, names._ends = bytearray(text), array("q", ends)
     names._spread(max(SLOTS, 1 << (2 * len(names)).bit_length()))
@@ -108,9 +104,7 @@ class SomeNames(Collection[str]):
 
 
 class ByName(Mapping[str, Item]):
-    """A mapping from names to items, with few different items, such as the water that many frames
-    share.
-    """
+    """A mapping from names to few different items, as the water that many frames share."""
 
     def __init__(self, pairs: Iterable[tuple[str, Item]] = ()) -> None:
         self._names, self._which = Names(), array("i")

@@ -61,9 +61,7 @@ class Packed(Lazy[Item]):
             return self._chunk(number // CHUNK).items[number % CHUNK]
 
     def append(self, item: Item) -> None:
-        """Append an item. Raises OutputError where it fits neither into memory nor onto the
-        disk.
-        """
+        """Append an item. Raises OutputError where neither memory nor disk can hold it."""
         with self._lock:
             chunk = self._chunk(self._length // CHUNK)
             chunk.items.append(item)

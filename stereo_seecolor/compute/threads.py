@@ -19,9 +19,7 @@ Lock = threading.Lock
 
 
 class Threads:
-    """The ``Compute`` of one machine: ``workers`` threads, with at most two items for each under
-    way.
-    """
+    """The ``Compute`` of one machine: ``workers`` threads, two items each under way."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -58,9 +56,7 @@ class Threads:
         yield
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every tile, one after the other: each fills the memory, and uses all
-        cores.
-        """
+        """``work`` of every tile, one by one: each fills the memory, and uses all cores."""
         return map(work, tiles)
 
 

@@ -59,9 +59,7 @@ class LampsConfig(RobustConfig):
 
 
 class PaperConfig(StageConfig):
-    """The paper's method (DeepSeeColor): two networks over range, trained by Adam on a moment
-    table.
-    """
+    """The paper's method (DeepSeeColor): two networks over range, trained by Adam."""
 
     iterations: int = Field(
         default=500,

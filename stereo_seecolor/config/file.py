@@ -63,8 +63,7 @@ RENAMED = {
         "gains stop where noise of 1.5 of 255 would pass 0.06 of full scale",
     ),
     **dict.fromkeys(
-        ("color.robust.attenuation", "color.attenuation"),
-        "attenuation always varies with range",
+        ("color.robust.attenuation", "color.attenuation"), "attenuation always varies with range"
     ),
     **dict.fromkeys(
         ("color.robust.water_depth_m", "color.water_depth_m"),
@@ -219,9 +218,7 @@ def _check_added(chosen: str | Path, group: str, own: Sequence[str], where: str)
 
 
 def _merge(base: _Content, over: _Content) -> _Content:
-    """Two contents merged: mappings key by key; any other value of ``over`` replaces that of
-    ``base``.
-    """
+    """Two contents merged: mappings key by key; other values of ``over`` replace ``base``'s."""
     both = {
         key: _merge(base[key], over[key])
         for key in base.keys() & over.keys()

@@ -12,9 +12,7 @@ class MatchingConfig(StageConfig):
     """Stereo matching: StereoFrame -> RangeMap."""
 
     min_range_m: float = Field(
-        0.3,
-        gt=0,
-        description="Nearest range of the search, meters; sets the largest disparity.",
+        0.3, gt=0, description="Nearest range of the search, meters; sets the largest disparity."
     )
     max_range_m: float = Field(
         default=20.0,

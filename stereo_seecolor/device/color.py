@@ -115,9 +115,7 @@ def _bits(range_m: Tensor) -> Tensor:
 
 
 def carry_ranges(image: Tensor, range_m: Tensor) -> Tensor:
-    """``carried.carry_ranges`` of an image (H, W, 3) and its ranges (H, W), some of them
-    known.
-    """
+    """``carried.carry_ranges`` of an image (H, W, 3) and its ranges (H, W), some of them known."""
     smoother = Smoother()
     known = range_m.isfinite()
     height, width = range_m.shape
@@ -223,9 +221,7 @@ def within(image: Tensor, carried: Tensor, most: Tensor, least: Tensor) -> Tenso
 
 
 def _wide(carried: Tensor) -> Tensor:
-    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that
-    distance.
-    """
+    """(H, W) True in carried areas at least ``hole_px`` wide, and what joins them."""
     side = SETTINGS.hole_px
     core = _largest(-_largest(-carried.to(torch.float32), side), side)
     return carried & (_largest(core, 2 * side + 1) > 0)

@@ -66,9 +66,7 @@ class DeviceMatcher(Matcher):
         self._seen = None if seen_left is None else torch.from_numpy(seen_left).to(memory.device)
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """As ``Matcher.matched``; the ranges also stay on the device, where the next stage finds
-        them.
-        """
+        """As ``Matcher.matched``; the ranges also stay on the device."""
         if self._config.engine != "sgm":
             return super().matched(frame)
         left, right = (gray(self._memory.tensor(image)) for image in (frame.left, frame.right))
@@ -123,9 +121,7 @@ class DeviceMatcher(Matcher):
     def _kept(
         self, matched: sgm.FoundDisparities, no_match: NDArray[np.bool_]
     ) -> sgm.FoundDisparities:
-        """What was found without what cannot be matched, speckles, and what the camera does not
-        see.
-        """
+        """What was found without speckles and what cannot be matched or seen."""
         height, width = matched.disparity.shape
         forgotten = torch.from_numpy(no_match).to(matched.disparity.device)
         forgotten = forgotten.repeat_interleave(self._scale, 0).repeat_interleave(self._scale, 1)[

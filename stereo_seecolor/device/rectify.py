@@ -18,9 +18,7 @@ FRACTIONS = 32
 
 
 class Rectifier:
-    """``Rectification.apply_left`` and ``apply_right`` on a device; what they return also stays
-    there.
-    """
+    """``Rectification.apply_left`` and ``apply_right`` on a device, where results stay."""
 
     def __init__(self, memory: Memory, rectification: Rectification) -> None:
         self._memory, self._compiled = memory, rectification

@@ -99,9 +99,7 @@ def paths_for(device: torch.device) -> Along:
 
 
 def along(cost: Tensor, p2: Tensor, total: Tensor, kept: slice) -> None:
-    """The paths as a loop (see ``Along``): both directions at each step (Hirschmueller 2008, eq.
-    13).
-    """
+    """The paths as a loop (see ``Along``), both directions (Hirschmueller 2008, eq. 13)."""
     steps = cost.shape[1]
     before = torch.zeros((2, cost.shape[0], *cost.shape[2:]), dtype=torch.int16, device=cost.device)
     for i in range(steps):
@@ -148,9 +146,7 @@ def penalties(gray: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _cut(rows: Tensor, number: int, more: int, beyond: int) -> Tensor:
-    """(H + more, W) -> (number, strip + 2 halo + more, W); rows beyond the image hold
-    ``beyond``.
-    """
+    """(H + more, W) -> (number, strip + 2 halo + more, W); rows outside hold ``beyond``."""
     strip, halo = compiled.CONSTANTS.strip, compiled.CONSTANTS.halo
     whole = F.pad(rows, (0, 0, halo, number * strip + halo + more - len(rows)), value=beyond)
     return whole.unfold(0, strip + 2 * halo + more, strip)[:number].transpose(1, 2)

@@ -80,9 +80,7 @@ def _mean_near(center: Tensor, neighbors: list[Tensor]) -> Tensor:
 
 
 def _residuals(left: Tensor, right: Tensor, disparity: Tensor, gain: Tensor) -> Tensor:
-    """(7, H, W) samples 1, g, e, g g, g e, e e, d, in gray levels of 8 bits; 0 where nothing is
-    known.
-    """
+    """(7, H, W) samples 1, g, e, g g, g e, e e, d, gray levels of 8 bits; 0 if unknown."""
     width = disparity.shape[1]
     x = torch.arange(width, device=left.device, dtype=torch.float32)
     place = x - disparity

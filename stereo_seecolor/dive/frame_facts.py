@@ -23,10 +23,7 @@ def range_facts(range_map: RangeMap) -> dict[str, float]:
     sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
     known_m = sample_m[np.isfinite(sample_m)]
     facts |= {"median_range_m": float(np.median(known_m))} if known_m.size else {}
-    of_sides = {
-        "vertical_px": range_map.vertical_px,
-        "right_sharpness": range_map.right_sharpness,
-    }
+    of_sides = {"vertical_px": range_map.vertical_px, "right_sharpness": range_map.right_sharpness}
     return facts | {name: value for name, value in of_sides.items() if np.isfinite(value)}
 
 

@@ -71,9 +71,7 @@ class Frames:
         return self.source.config
 
     def range_key(self, hashes: Mapping[str, str]) -> str:
-        """Hash of all that the range of a pair depends on. hashes: SHA-256 of its files, by
-        side.
-        """
+        """Hash of all that a pair's range depends on. hashes: SHA-256 of its files, by side."""
         return content_key(hashes, self.source.settings)
 
 
@@ -173,9 +171,7 @@ def count_colors(
 
 
 def read_frame(frames: Frames, pair: Pair) -> tuple[Image, Map]:
-    """The rectified image of a pair and its measured ranges, for the search for the dive's
-    light.
-    """
+    """The rectified image of a pair and its measured ranges, for the search for light."""
     clock = Clock()
     _, ranged = measure_range(frames, pair, clock)
     image, range_map = _pixels(frames, ranged, clock)

@@ -28,7 +28,7 @@ from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.compute.sequences import Lazy
-from stereo_seecolor.dive.overlap import LOOK, FrameMatcher, ReadFrame, Segment, reduced, reduction
+from stereo_seecolor.dive.overlap import LOOK, FrameMatcher, ReadFrame, Segment, reduction
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
@@ -108,9 +108,8 @@ class LightSearch:
 
     @property
     def _frame_matcher(self) -> FrameMatcher:
-        return FrameMatcher(
-            self.read, reduced(self.geometry), reduction(self.geometry), self.encoding
-        )
+        factor = reduction(self.geometry)
+        return FrameMatcher(self.read, self.geometry.reduced(factor), factor, self.encoding)
 
     def solve(self, allowed: LightTerms) -> Found:
         """Solve the light of the dive, with terms that are ``allowed``.
@@ -146,7 +145,7 @@ class LightSearch:
     @property
     def _size(self) -> tuple[int, int]:
         """(width, height) of the reduced images in which spots are found."""
-        return reduced(self.geometry).image_size
+        return self.geometry.reduced(reduction(self.geometry)).image_size
 
     def _pattern(
         self, windows: Sequence[Observations], names: Names, allowed: LightTerms, is_sampled: bool
@@ -283,9 +282,7 @@ class _Links:
 
 
 def is_short(frames: int) -> bool:
-    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all
-    frames.
-    """
+    """Whether a dive of ``frames`` is so short that all frames solve its pattern."""
     return frames <= SAMPLE.most_frames
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import inverse
 from stereo_seecolor.color.photometry.observations import (
     KeyFrame,
     Observations,
@@ -20,7 +21,6 @@ from stereo_seecolor.color.photometry.observations import (
 )
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
-from stereo_seecolor.geometry import estimated_range_std_m, inverse
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import RelativePose, relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
@@ -121,9 +121,7 @@ _Near = tuple[_Seen, PhotometricView, Sequence[tuple[int, RelativePose]]]
 
 @dataclass(frozen=True, eq=False)
 class FrameMatcher:
-    """Examines frames; it can be sent to another process. geometry: of images reduced ``every``
-    times.
-    """
+    """Examines frames; picklable. geometry: of images reduced ``every`` times."""
 
     read: ReadFrame
     geometry: RectifiedPair
@@ -188,9 +186,7 @@ class FrameMatcher:
     def _placed(
         self, seen: _Seen, view: PhotometricView, near: Sequence[tuple[_Placed, RelativePose]]
     ) -> _Placed:
-        """The frame placed by the nearest of the frames before it; without one, it starts a new
-        chain.
-        """
+        """The frame placed by the nearest frame before it; without one, it starts a chain."""
         chain, T, path_m = seen.number, np.eye(4), 0.0
         if near:
             other, pose = near[-1]
@@ -221,7 +217,7 @@ class FrameMatcher:
         shown = small if small.dtype == np.uint8 else (small >> 8).astype(np.uint8)
         known = np.isfinite(ranges).astype(np.uint8) * np.uint8(255)
         shown_frame = SurveyFrame(
-            "", None, shown, ranges, estimated_range_std_m(ranges, geometry), known
+            "", None, shown, ranges, geometry.estimated_range_std_m(ranges), known
         )
         seen = _Seen(
             number, KeyFrame(small, ranges, np.eye(4)), detect(shown_frame, geometry, FEATURES)
@@ -250,9 +246,7 @@ def _loops(frame: _Placed, past: Sequence[_Placed]) -> list[_Placed]:
 
 
 def _is_loop(frame: _Placed, other: _Placed) -> bool:
-    """Whether the frames' images overlap because the track came back, rather than went
-    straight on.
-    """
+    """Whether the frames' images overlap because the track came back, not by going on."""
     distance_m = float(np.linalg.norm(frame.T_chain_camera[:3, 3] - other.T_chain_camera[:3, 3]))
     came_back = (
         frame.chain == other.chain and frame.path_m - other.path_m > LOOK.loop_detour * distance_m
@@ -277,13 +271,3 @@ def _far_back(frame: _Placed, number: int) -> _Placed:
 def reduction(geometry: RectifiedPair) -> int:
     """Pixels of the image in a pixel of the reduced image, along each side."""
     return max(1, round(geometry.image_size[0] / LOOK.width_px))
-
-
-def reduced(geometry: RectifiedPair, every: int | None = None) -> RectifiedPair:
-    """The geometry of images reduced ``every`` times; None: by ``reduction``."""
-    every = every or reduction(geometry)
-    cx, cx_right, cy = (
-        (c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px)
-    )
-    size = geometry.image_size[0] // every, geometry.image_size[1] // every
-    return RectifiedPair(geometry.focal_px / every, cx, cx_right, cy, geometry.baseline_m, size)

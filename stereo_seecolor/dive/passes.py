@@ -190,9 +190,7 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
 
 
 def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[str, Water]:
-    """Each frame's water, by name: an earlier run's if it was fitted to the same inputs, else
-    fitted now.
-    """
+    """Each frame's water, by name: an earlier run's of the same inputs, else fitted now."""
     key = _fit_key(run, ranges, light.light)
     kept = KeptFit.load(run.folder.root, key) if key and not run.options.verify else None
     if kept:
@@ -250,9 +248,7 @@ def _counted_groups(run: DiveRun, light: Light | None) -> Iterator[CountedFrames
 def _count_group(
     work: Work[MomentTable], folder: RunFolder, config: ColorConfig, pairs: Sequence[Pair]
 ) -> tuple[list[Outcome[MomentTable]], CountedFrames]:
-    """The outcome of each pair of a group, and the sum of the moment tables of those that did not
-    fail.
-    """
+    """The outcome of each pair of a group, and the sum of their moment tables."""
     outcomes: list[Outcome[MomentTable]] = []
 
     def tables() -> Iterator[tuple[str, MomentTable]]:

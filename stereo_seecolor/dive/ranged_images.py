@@ -49,9 +49,7 @@ class RangedImages:
     image = raw
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """The image and its range map. Raises InputError if they differ in size or cannot be
-        read.
-        """
+        """The image and its range map. Raises InputError if sizes differ or one is unreadable."""
         image = self.image(pair, clock)
         with clock("read"):
             range_m = read_range_map(pair.right, self.config.input.range_units_per_m)

@@ -84,9 +84,7 @@ def output_errors(path: Path) -> Iterator[None]:
 
 
 def holds(path: Path, content: Content) -> bool:
-    """Tell whether the file at ``path`` has this content. Raises OSError where it cannot be
-    read.
-    """
+    """Whether the file at ``path`` has this content. Raises OSError where it cannot be read."""
     with path.open("rb") as file:
         return all(file.read(len(one)) == one for one in _pieces(content)) and not file.read(1)
 
@@ -129,9 +127,7 @@ def temporary_path(path: Path) -> Path:
 
 
 def temporaries_of(path: Path) -> list[Path]:
-    """Temporary files and folders that were begun for ``path``, by this process or another; no
-    links.
-    """
+    """Temporary files and folders begun for ``path``, by any process; no links."""
     ending = f"-{path.name[-40:]}"
     found = path.parent.glob(f"{TEMPORARY_PREFIX}*") if path.parent.is_dir() else ()
     return [

@@ -78,9 +78,7 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
 
 
 def _refuse_broken_stream(content: bytes, path: Path) -> None:
-    """Raise InputError for a compressed TIFF whose stream is broken: OpenCV decodes what is left of
-    it.
-    """
+    """Raise InputError for a TIFF with a broken stream: OpenCV decodes what is left."""
     try:
         if tiff_numbers(content).get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) == TIFF_UNCOMPRESSED:
             return

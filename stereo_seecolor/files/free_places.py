@@ -11,12 +11,7 @@ from typing import Any
 
 from calibration.files import flush_folder
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.atomic import (
-    output_errors,
-    remove,
-    temporaries_of,
-    temporary_path,
-)
+from stereo_seecolor.files.atomic import output_errors, remove, temporaries_of, temporary_path
 
 fcntl: Any = None if os.name == "nt" else import_module("fcntl")
 

@@ -101,9 +101,7 @@ def png_chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
 
 
 def first_chunk(content: bytes, wanted: bytes) -> bytes:
-    """The data of a PNG's first chunk of this kind, such as eXIf and PLTE; b"" where there is
-    none.
-    """
+    """The data of a PNG's first chunk of this kind, such as eXIf and PLTE; b"" without one."""
     with suppress(struct.error):
         for kind, start, end in png_chunks(content):
             if kind == wanted:

@@ -9,9 +9,7 @@ import numpy as np
 
 
 def content_key(*parts: object) -> str:
-    """A hash of everything that an output depends on; equal parts give equal keys, on any
-    machine.
-    """
+    """A hash of all that an output depends on; equal parts give equal keys, on any machine."""
     return content_key_of(parts)
 
 

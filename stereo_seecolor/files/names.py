@@ -39,9 +39,7 @@ def sort_naturally(names: list[str]) -> None:
 
 
 def stem_of(name: str) -> str:
-    """The name of a file without its suffix, as ``Path.stem``, which takes 20 s for a million
-    names.
-    """
+    """A file's name without suffix; ``Path.stem`` takes 20 s for a million names."""
     return os.path.splitext(name)[0]  # noqa: PTH122
 
 
@@ -67,9 +65,7 @@ def product_name(stem: str) -> str:
 
 
 def short_hash(text: str) -> str:
-    """Eight hexadecimal digits that differ for different texts; the text need not be valid
-    UTF-8.
-    """
+    """Eight hexadecimal digits that differ between texts; these need not be valid UTF-8."""
     return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_HASH_DIGITS]
 
 

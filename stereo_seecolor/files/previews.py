@@ -13,9 +13,7 @@ from stereo_seecolor.records import Map
 
 @dataclass(frozen=True)
 class PreviewSize:
-    """The size of a preview. longer_px: longer side in pixels, at the most. quality: of the
-    JPEG.
-    """
+    """The size of a preview. longer_px: longer side, pixels, at most. quality: of the JPEG."""
 
     longer_px: int
     quality: int

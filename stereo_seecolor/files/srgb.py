@@ -30,9 +30,7 @@ def decode_srgb(encoded: NDArray[Float]) -> NDArray[Float]:
 
 
 def encode_srgb(light: NDArray[Float]) -> NDArray[Float]:
-    """Linear light -> encoded values, any shape, same dtype; beyond [0, 1] as in
-    ``decode_srgb``.
-    """
+    """Linear light -> encoded values, any shape, same dtype; see ``decode_srgb``."""
     curved = SCALE * np.maximum(light, LINEAR_LIGHT) ** (1 / POWER) - OFFSET
     return np.where(light <= LINEAR_LIGHT, light * LINEAR_SLOPE, curved).astype(
         light.dtype, copy=False

@@ -47,9 +47,7 @@ def encode_tiff(image: NDArray[np.generic], exif: bytes = b"") -> bytes:
 
 
 def encode_deflated(values: NDArray[np.float32]) -> bytes:
-    """Encode a map (H, W) of float32 as a deflated TIFF: half the size of an uncompressed range
-    map.
-    """
+    """Encode a map (H, W) of float32 as a deflated TIFF, of half the size."""
     content = deflated(_differences(values).data)
     tags = Image.Exif()
     tags.endian = "<"
@@ -58,9 +56,7 @@ def encode_deflated(values: NDArray[np.float32]) -> bytes:
 
 
 def _differences(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Rows of first all highest bytes, then all second ones and so on, each byte less its left
-    neighbor.
-    """
+    """Rows of all highest bytes, then all second and so on, each less its left neighbor."""
     height, width = values.shape
     planes = (
         np.ascontiguousarray(values.astype(">f4"))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import quaternion
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.geometry import quaternion
 from stereo_seecolor.records import Trajectory
 
 _HEADER = "# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world, meters"

@@ -24,9 +24,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def regular_bytes(path: Path) -> bytes:
-    """The content of a file in OUT. Raises OSError, also for a named pipe, which would be waited
-    for.
-    """
+    """The content of a file in OUT. Raises OSError, also for a named pipe."""
     if kind := special_kind(path):
         raise OSError(errno.EINVAL, f"is {kind}, not a file", str(path))
     return path.read_bytes()

@@ -41,9 +41,7 @@ _Found = TypeVar("_Found")
 
 
 def read_capture(content: bytes) -> Capture:
-    """The EXIF of a JPEG, PNG or TIFF. What is missing or damaged is None: metadata never fail a
-    frame.
-    """
+    """The EXIF of a JPEG, PNG or TIFF; what is missing or damaged is None."""
     return _from_exif(content, _capture, Capture())
 
 

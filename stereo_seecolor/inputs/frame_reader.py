@@ -36,9 +36,7 @@ class FrameReader:
         self.settings = content_key(config.model_dump(), rows)
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Read both images, not rectified. Raises InputError if one cannot be read, or is
-        damaged.
-        """
+        """Read both images, not rectified. Raises InputError if one is unreadable or damaged."""
         contents = {path: read_image_bytes(path) for path in (pair.left, pair.right)}
         images = [decode_image(content, path, self._config) for path, content in contents.items()]
         _refuse_damage(dict(zip(contents, images, strict=True)), contents)

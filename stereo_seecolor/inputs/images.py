@@ -30,7 +30,8 @@ def read_image(path: str | Path, config: InputConfig | None = None) -> Image:
     16-bit picture.
     """
     path = Path(path)
-    return decode_image(read_image_bytes(path), path, config or InputConfig())
+    content = read_image_bytes(path)
+    return decode_image(content, path, config or InputConfig())
 
 
 def as_image(values: Any, what: str) -> Image:
@@ -117,9 +118,7 @@ def read_range_map(path: str | Path, units_per_m: float | None = None) -> Map:
 def _scale_to_full(
     pixels: NDArray[np.generic], significant_bits: int, path: Path
 ) -> NDArray[np.uint16]:
-    """Bring e.g. 12-bit values in a 16-bit file to full scale, so that 1.0 is the sensor's own
-    white.
-    """
+    """Bring e.g. 12-bit values in a 16-bit file to full scale: 1.0 is the sensor's white."""
     if pixels.dtype != np.uint16:
         raise InputError(
             f"{path}: has 8 bits a channel, but input.significant_bits={significant_bits} needs a "

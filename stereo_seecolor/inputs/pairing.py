@@ -193,9 +193,7 @@ class _Matching:
 
     @property
     def ambiguous(self) -> str:
-        """Why no file has a partner, where several share a name; "" where that is not the
-        reason.
-        """
+        """Why no file has a partner, where several share a name; else ""."""
         reasons = [file.reason for file in self.unpaired if file.reason.startswith(SEVERAL)]
         return reasons[0] if reasons and not self.pairs else ""
 
@@ -316,9 +314,7 @@ def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...
 
 
 def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
-    """Where nothing else paired, by numbers that differ by a constant: each camera counts its own
-    images.
-    """
+    """Where nothing else paired, by numbers with a constant difference."""
     for left, right in number_pairs(matching.lefts, matching.rights):
         matching.add(left.stem, left, right)
     matching.drop_settled()
@@ -368,9 +364,7 @@ def _matching(lefts: Listing, rights: Listing) -> _Matching:
 
 
 def _settle_single(matching: _Matching, left: Path, right: Path) -> None:
-    """One image a side, given by name or pattern and not by folder, is a pair whatever the names
-    are.
-    """
+    """One image a side, given by name or pattern, is a pair whatever the names are."""
     if (
         len(matching.lefts) == len(matching.rights) == 1
         and not left.is_dir()

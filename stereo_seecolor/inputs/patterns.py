@@ -41,9 +41,7 @@ def folder_of(source: Path) -> Path:
 
 
 def fits(name: str, pattern: str) -> bool:
-    """Tell whether a pattern matches a name; upper and lower case differ, and hidden names are
-    never matched.
-    """
+    """Whether a pattern matches a name; case counts, and hidden names never match."""
     return not name.startswith(".") and (pattern == "*" or fnmatchcase(name, pattern))
 
 

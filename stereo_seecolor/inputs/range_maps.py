@@ -44,9 +44,7 @@ _SET_UNITS = (
 
 
 def decode_range_map(content: bytes, path: Path, units_per_m: float | None) -> Map:
-    """Decode a file's content to meters, as ``read_range_map`` reads it; ``path`` is for the
-    messages.
-    """
+    """Decode a file's content to meters, as ``read_range_map``; ``path`` is for messages."""
     values = _plane(_decoded(content, path), path)
     stored = values.dtype
     if stored.kind not in "fiu" or (stored.itemsize == 1 and units_per_m is None):
@@ -72,9 +70,7 @@ def decode_range_map(content: bytes, path: Path, units_per_m: float | None) -> M
 
 
 def holds_floats(path: Path) -> bool:
-    """Tell whether a file holds one channel of floating-point numbers, as range maps do and images
-    do not.
-    """
+    """Whether a file holds one channel of floating-point numbers, as range maps do."""
     try:
         values = _plane(_decoded(read_bytes(path), path), path)
     except InputError:

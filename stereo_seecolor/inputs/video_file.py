@@ -138,9 +138,7 @@ class VideoFile:
         return False
 
     def _is_near(self, pts: int) -> bool:
-        """True if the decoder comes to the frame soon: there is no keyframe between, or hardly a
-        frame.
-        """
+        """Whether the decoder comes to the frame soon: with no keyframe before it."""
         if self._last is None or self._last >= pts:
             return False
         index = self.index

@@ -29,9 +29,7 @@ def is_video(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What a video holds. size: (width, height) of its frames, pixels. rate_hz: None for one
-    frame.
-    """
+    """What a video holds. size: (width, height), pixels. rate_hz: None for one frame."""
 
     size: tuple[int, int]
     frames: int

@@ -77,9 +77,7 @@ def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
 
 
 def gray(frame: Any) -> NDArray[np.uint8]:
-    """Convert a decoded frame to gray, (H, W), turned as the file says that players are to
-    turn it.
-    """
+    """Convert a decoded frame to gray, (H, W), turned as the file tells players to."""
     return np.rot90(frame.to_ndarray(format="gray"), round(frame.rotation / 90))
 
 

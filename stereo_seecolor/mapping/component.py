@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import transform_points
+from calibration.transforms import transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
 
 NEAR_M = 1000.0

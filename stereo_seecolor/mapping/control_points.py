@@ -8,13 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_alignment, scale_of, similarity_alignment, transform_points
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import (
-    rigid_alignment,
-    scale_of,
-    similarity_alignment,
-    transform_points,
-)
 from stereo_seecolor.mapping.marker_tables import USUAL_STD_M
 from stereo_seecolor.mapping.placed_markers import UNITS, PlacedMarker
 
@@ -44,9 +39,7 @@ class ControlFit:
     doubt: str = ""
 
     def is_upside_down(self, markers: Sequence[PlacedMarker], T_world_camera: Array) -> bool:
-        """Tell whether the surveyed places put the markers above the cameras (N, 4, 4) that look
-        down at them.
-        """
+        """Whether surveyed places put the markers above cameras (N, 4, 4) that look down."""
         cameras = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, 3].mean(axis=0)
         bottom = np.array(
             [marker.place_m for marker in markers if marker.number in self.residuals_m]

@@ -223,9 +223,7 @@ def _coarse_points(
 
 
 def _most_std_m(std_m: Map, sampling: PointSampling) -> float:
-    """Of a point that is certain enough to make voxels for. std_m: (n,) of a frame's measured
-    pixels.
-    """
+    """Of a point certain enough to make voxels for. std_m: (n,) of measured pixels."""
     stated = std_m[np.isfinite(std_m)]
     return (
         max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated)))

@@ -76,9 +76,7 @@ def write_description(
 
 
 def comment(place: Georeference) -> str:
-    """The comment for the headers of the map's PLY files: units, axes, coordinate system,
-    offset.
-    """
+    """The comment of the map's PLY files: units, axes, coordinate system, offset."""
     lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {crs_name(place.origin)}"]
     if place.offset_m.any():
         lines.append(

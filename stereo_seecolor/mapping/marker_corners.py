@@ -51,9 +51,7 @@ def line_through(points: NDArray[np.float32]) -> Array:
 
 
 def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
-    """(3,) the line a x + b y + c = 0 along a side, through the steepest place of each profile
-    across it.
-    """
+    """(3,) the line a x + b y + c = 0 along a side, through each profile's steepest place."""
     along = end - start
     length = float(np.linalg.norm(along))
     across = np.array([-along[1], along[0]]) / length

@@ -59,9 +59,7 @@ class PlacedSighting:
 def place(
     observation: MarkerObservation, frame: SurveyFrame, geometry: RectifiedPair
 ) -> PlacedSighting | None:
-    """Compute a marker's corners in three dimensions; None where too little of it has a measured
-    range.
-    """
+    """A marker's corners in three dimensions; None where too little of it has a measured range."""
     inside = np.zeros(frame.range_m.shape, np.uint8)
     cv2.fillConvexPoly(inside, np.rint(observation.corners_px).astype(np.int32), 1)
     rows, columns = np.nonzero(inside)

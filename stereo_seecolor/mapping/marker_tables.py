@@ -226,9 +226,7 @@ def _lacks(path: Path, header: list[str], names: dict[str, str]) -> bool:
 
 
 def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[str, str]) -> None:
-    """Raise InputError for a header that lacks what is needed, by the names that documentation
-    gives.
-    """
+    """Raise InputError for a header that lacks what is needed, by documented names."""
     if names is BAR:
         one_label = header[0].strip(" #").lower() == "label"  # of both ends, as Metashape writes it
         missing = [

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import transform_points
+from calibration.transforms import transform_points
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
 
 Array = NDArray[np.float64]

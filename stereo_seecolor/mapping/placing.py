@@ -73,9 +73,7 @@ class PlacedSurvey:
 
     @property
     def range_scale(self) -> float:
-        """The factor by which ranges are longer than the rig says; 1 without markers of known
-        size.
-        """
+        """The factor by which ranges exceed the rig's; 1 without markers of known size."""
         return self.markers.scale if self.markers and self.markers.before else 1.0
 
 

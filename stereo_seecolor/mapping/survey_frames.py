@@ -22,9 +22,7 @@ Frames = Sequence[SurveyFrame | Unplaced]
 
 
 def scaled(frame: SurveyFrame | Unplaced, scale: float) -> SurveyFrame | Unplaced:
-    """Scale a frame's ranges by a factor: of a rig whose scale is known better than by its
-    calibration.
-    """
+    """Scale a frame's ranges: its rig's scale is known better than by calibration."""
     return frame if isinstance(frame, Unplaced) else frame.scaled(scale)
 
 

@@ -40,9 +40,7 @@ def census(image: Gray) -> Census:
 
 
 def mirrored_census(image: Gray, before: int, after: int) -> Census:
-    """Compute the census mirrored left to right, between columns of zeros: (H, before + W + after)
-    uint32.
-    """
+    """The census mirrored left to right, between zeros: (H, before + W + after) uint32."""
     height, width = image.shape
     bits = np.zeros((height, before + width + after), np.uint32)
     bits[:, before : before + width] = census(image)[:, ::-1]

@@ -170,9 +170,7 @@ def one_sided_warning(
 
 
 def _long_holes(disparity: Map, scale: int) -> NDArray[np.uint8]:
-    """1 in the holes of a row that are longer than the occlusion that the disparities at their ends
-    make.
-    """
+    """1 in the holes of a row that are longer than the occlusion that their ends make."""
     rows, columns = np.nonzero(np.isfinite(disparity))
     known = disparity[rows, columns]
     length = np.diff(columns) - 1

@@ -73,9 +73,7 @@ def textured_fraction(image: Image) -> float:
 
 
 def _amplitude(image: Gray, block: int) -> NDArray[Any]:
-    """Median departure of a block's pixels from the mean of 5 x 5 around them, gray levels of
-    255.
-    """
+    """Median departure of a block's pixels from the mean of 5 x 5 around them, of 255."""
     departure = cv2.absdiff(image, cv2.blur(image, (5, 5)))
     rows, columns = (length // block for length in image.shape)
     blocks = departure[: rows * block, : columns * block].reshape(rows, block, columns, block)

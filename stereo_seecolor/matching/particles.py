@@ -57,9 +57,7 @@ def without_particles(frame: StereoFrame, found: RangeMap, fill: bool) -> RangeM
     values = found.disparity, found.depth_m, found.range_m, found.range_std_m
     disparity, depth_m, range_m, range_std_m = (np.where(where, UNKNOWN, one) for one in values)
     found = replace(
-        found,
-        confidence=np.where(where, np.float32(0), found.confidence),
-        range_std_m=range_std_m,
+        found, confidence=np.where(where, np.float32(0), found.confidence), range_std_m=range_std_m
     )
     if fill:
         return replace(found, filled=found.filled | where)

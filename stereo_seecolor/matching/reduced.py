@@ -32,24 +32,6 @@ MakeMatcher = Callable[[RectifiedPair, MatchingConfig, Mask | None], Matcher]
 """Makes the matcher of one size: ``Matcher``, or that of a device."""
 
 
-def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
-    """Return the geometry of images reduced by ``shrink``, each pixel the mean of shrink x shrink
-    pixels, without incomplete blocks at the end.
-    """
-    focal_px, centers = pair.focal_px / shrink, (pair.cx_left_px, pair.cx_right_px, pair.cy_px)
-    cx_left_px, cx_right_px, cy_px = ((center + 0.5) / shrink - 0.5 for center in centers)
-    width, height = (length // shrink for length in pair.image_size)
-    return RectifiedPair(
-        focal_px,
-        cx_left_px,
-        cx_right_px,
-        cy_px,
-        pair.baseline_m,
-        (width, height),
-        pair.quarter_turns,
-    )
-
-
 class ReducedMatcher:
     """A Matcher on images ``shrink`` times smaller along both axes; each value is repeated over
     shrink x shrink pixels.
@@ -69,7 +51,7 @@ class ReducedMatcher:
         seen: Mask | None = (
             None if seen_left is None else np.asarray(self._blocks(seen_left).all(axis=(1, 3)))
         )
-        self._matcher = make(smaller(pair, shrink), config, seen)
+        self._matcher = make(pair.reduced(shrink), config, seen)
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """Compute the range map of a rectified pair, at the pair's size."""
@@ -144,9 +126,7 @@ class DetailMatcher:
         self._built: dict[int, ReducedMatcher] = {}
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """Compute the range map of a rectified pair; a warning states if it was matched at a
-        smaller size.
-        """
+        """The range map of a rectified pair; a warning says if the size was reduced."""
         found, detail = self._full.matched(frame)
         if detail >= LEAST_DETAIL or not self._sizes:
             return found

@@ -141,9 +141,7 @@ def _smooth_across(disparity: Any, mean: Any) -> None:
 
 @compiled
 def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> None:
-    """Mean with those neighbors that are within one pixel: steps of matching taken out, edges
-    kept.
-    """
+    """Mean with neighbors within one pixel: no steps of matching, and edges kept."""
     one, none = np.float32(1), np.float32(0)
     for x in range(center.size):
         here = center[x]

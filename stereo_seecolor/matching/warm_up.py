@@ -28,9 +28,7 @@ def warm_up_matching() -> None:
 
 
 def load_search() -> None:
-    """Load the compiled search from disk, if it is there; else each process compiles it when it
-    needs it.
-    """
+    """Load the compiled search from disk, if there; else each process compiles it."""
     if not is_first_run():
         warm_up_matching()
 

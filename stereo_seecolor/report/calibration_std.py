@@ -41,9 +41,7 @@ class CalibrationStd:
 
 
 def calibration_std(run: FinishedRun) -> CalibrationStd:
-    """The standard errors of a run, at its median range; assumed ones where its rig cannot be
-    read.
-    """
+    """The standard errors of a run, at its median range; assumed ones without its rig."""
     try:
         rig = run.rig
     except (InputError, CalibrationError, OSError):

@@ -19,7 +19,6 @@ from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.files.whole_files import read_bytes
-from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
 from stereo_seecolor.report.plane_code import coded
@@ -49,18 +48,14 @@ class Pixels:
 
 @dataclass(frozen=True, eq=False)
 class FrameFiles:
-    """Makes the page's files of a run's frames. rectification: None where the run's rig is not
-    known.
-    """
+    """Makes the page's files of a run's frames. rectification: None for an unknown rig."""
 
     run: FinishedRun
     rectification: Rectification | None
 
     @classmethod
     def of(cls, run: FinishedRun) -> "FrameFiles":
-        """The maker of a run's files; without a readable rig, images before correction are left
-        out.
-        """
+        """The maker of a run's files; without a readable rig, none before correction."""
         try:
             return cls.rectifying(run)
         except (InputError, CalibrationError, OSError):
@@ -166,7 +161,7 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
 
 def _std_m(frame: Pixels, range_m: Map, geometry: RectifiedPair) -> Map:
     if "range_std" not in frame.products:
-        return estimated_range_std_m(range_m, geometry)
+        return geometry.estimated_range_std_m(range_m)
     return np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
 from stereo_seecolor.report.plane_code import UNKNOWN, coded
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -85,7 +84,7 @@ def _typical_std_m(run: FinishedRun, frame: FinishedFrame) -> float:
         if "range_std" in frame.products:
             std_m = frame.read("range_std")
         elif run.geometry is not None:
-            std_m = estimated_range_std_m(frame.measured_range_m(), run.geometry)
+            std_m = run.geometry.estimated_range_std_m(frame.measured_range_m())
         else:
             return float("nan")
     except InputError:

@@ -36,9 +36,7 @@ class KeptMeasure:
 
 @dataclass(frozen=True)
 class KeptPoint:
-    """A random point of the map. label: "" where it has none yet. spot_m: in the map's own
-    coordinates.
-    """
+    """A random point of the map. label: "" without one. spot_m: in map coordinates."""
 
     spot_m: tuple[float, float]
     label: str

@@ -160,9 +160,7 @@ class _MapFiles:
                 yield "whole.js", self._script("whole", piece, made[-1].cell_m, {})
 
     def _level(self, pieces: Pieces, number: int, level: Level) -> Files:
-        """The files of a level's tiles, each of which is listed in ``pieces`` instead of those
-        below it.
-        """
+        """The files of a level's tiles, each listed in ``pieces`` instead of those below it."""
 
         def named() -> Iterator[tuple[str, Piece, Pieces]]:
             for place, piece in level.tiles():

@@ -34,9 +34,7 @@ def gap_tiles(path: Path, width: int, height: int) -> Iterator[tuple[str, bytes]
 
 
 def reasons(path: Path, box: Box, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """(h, w) the codes of a box (left, top, width, height), at a size (width, height). Raises
-    InputError.
-    """
+    """(h, w) codes of a box (left, top, width, height) at a size. Raises InputError."""
     import rasterio
 
     with open_raster(path) as file:

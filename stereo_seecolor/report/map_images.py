@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.rasters import can_read_rasters, open_raster
+from stereo_seecolor.mapping.raster.grid import Grid
 
 TILE_PX = 512
 FIRST_LEVEL = 8
@@ -98,10 +99,14 @@ class TerrainImages:
             limits = {"low_m": _percentile(heights, 1), "high_m": _percentile(heights, 99)}
             return cls(path, {**_place(file), **limits})
 
+    @property
+    def grid(self) -> Grid:
+        """Its cells, in the coordinates of the file."""
+        at = self.about
+        return Grid(at["west_m"], at["north_m"], at["pixel_m"], (at["height"], at["width"]))
+
     def heights_m(self, box: Box, size: tuple[int, int] | None = None) -> NDArray[np.float32]:
-        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where
-        unknown.
-        """
+        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN if unknown."""
         import rasterio
 
         with open_raster(self.path) as file:
@@ -170,9 +175,7 @@ def _percentile(values: NDArray[np.float64], percent: float) -> float:
 
 
 def _light(heights: NDArray[np.float64], cell_m: float) -> NDArray[np.float64]:
-    """(h, w) of 0 to 1: how much light falls on each cell; level ground where a neighbor is
-    unknown.
-    """
+    """(h, w) of 0 to 1: how much light falls on each cell; level beside unknown ones."""
     if min(heights.shape) < 2:
         return np.full(heights.shape, LIGHT[2])
     down, right = np.gradient(heights, cell_m)

@@ -38,9 +38,7 @@ STATED_EDGE_M = 1.0
 
 @dataclass(frozen=True)
 class RowFacts:
-    """Facts from the rows of frames.csv, of a finished dive or one under way. rows: in the dive's
-    order.
-    """
+    """Facts from the rows of frames.csv, also of a dive under way. rows: in dive order."""
 
     rows: tuple[FrameRow, ...]
 
@@ -80,9 +78,7 @@ class DiveFacts(RowFacts):
 
     @classmethod
     def of(cls, run: FinishedRun) -> "DiveFacts":
-        """Read the facts of a run. Raises InputError if frames.csv or the map is missing or
-        damaged.
-        """
+        """Read the facts of a run. Raises InputError if its tables are missing or damaged."""
         rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
         made = open_map(run.root)
         return cls(rows, run, _waters(run), made, open_posed_run(run.root) if made else None)

@@ -242,7 +242,5 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
 
 
 def dive_name(inputs: Mapping[str, str], root: Path) -> str:
-    """The name of the dive: that of the folder that holds its left images' folder, else that of
-    OUT.
-    """
+    """The name of the dive: of the folder of its left images' folder, else of OUT."""
     return Path(inputs.get("left", "")).parent.name or root.resolve().name

@@ -75,11 +75,9 @@ class RawMosaic:
 
     def colors_of(self, piece: Piece, offset_m: list[float]) -> NDArray[np.uint8]:
         """(N, 3) the colors of a piece's vertices; gray where no frame sees them."""
-        about = self.terrain.about
-        x = (piece.points_m[:, 0] + offset_m[0] - about["west_m"]) / about["pixel_m"]
-        y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
-        columns = np.clip(x.astype(int), 0, about["width"] - 1)
-        rows = np.clip(y.astype(int), 0, about["height"] - 1)
+        grid = self.terrain.grid.moved(-np.array(offset_m))
+        cells = np.rint(grid.pixels(piece.points_m)).astype(int)
+        columns, rows = np.clip(cells, 0, np.array(grid.shape[::-1]) - 1).T
         found = np.asarray(self.rgba[rows, columns])
         let_go(self.rgba)
         return np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
@@ -95,14 +93,12 @@ def painted_from(posed: PosedRun) -> list[str]:
 
 
 def _points(terrain: TerrainImages, box: Box, offset_m: Floats) -> Floats:
-    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is
-    unknown.
-    """
-    about, (left, top, width, height) = terrain.about, box
-    x = about["west_m"] + (left + np.arange(width) + 0.5) * about["pixel_m"] - offset_m[0]
-    y = about["north_m"] - (top + np.arange(height) + 0.5) * about["pixel_m"] - offset_m[1]
+    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN if unknown."""
+    left, top, width, height = box
+    grid = terrain.grid.moved(-offset_m)
+    x, y = grid.centers(slice(top, top + height), slice(left, left + width))
     z = terrain.heights_m(box).astype(np.float64) - offset_m[2]
-    return np.stack([*np.meshgrid(x, y), z], axis=-1)
+    return np.stack([x, y, z], axis=-1)
 
 
 class _Views:
@@ -157,9 +153,8 @@ class _Views:
         """
         g, T = self._geometry, self._posed.T_map_camera[number]
         local = (points_m - T[:3, 3]) @ T[:3, :3]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            u = g.focal_px * local[..., 0] / local[..., 2] + g.cx_left_px
-            v = g.focal_px * local[..., 1] / local[..., 2] + g.cy_px
+        u, v = np.moveaxis(g.project(local), -1, 0)
+        with np.errstate(invalid="ignore"):
             width, height = g.image_size
             inside = (
                 (local[..., 2] > 0.05) & (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)

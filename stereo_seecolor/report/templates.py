@@ -13,9 +13,7 @@ from stereo_seecolor.report.texts import STATIC
 
 
 def render_template(name: str, **values: Any) -> bytes:
-    """A template of static/, filled in with values. Raises jinja2's UndefinedError for a missing
-    value.
-    """
+    """A template of static/, filled in. Raises jinja2's UndefinedError."""
     return _template(name).render(**values).encode("utf-8", errors="replace")
 
 

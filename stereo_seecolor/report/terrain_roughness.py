@@ -89,13 +89,7 @@ class _TerrainOnDisk:
     def of(
         cls, posed: PosedRun, frames: SurveyFrames, images: TerrainImages, folder: Path
     ) -> "_TerrainOnDisk":
-        about, (east_m, north_m, up_m) = images.about, posed.offset_m
-        grid = Grid(
-            about["west_m"] - east_m,
-            about["north_m"] - north_m,
-            about["pixel_m"],
-            (about["height"], about["width"]),
-        )
+        grid, up_m = images.grid.moved(-posed.offset_m), posed.offset_m[2]
         weights = BlockRaster(folder, grid, 1, np.float32, 0)
         empty = cls(grid, images, up_m, weights, False, 0.0)
         footprints_m = []
@@ -115,11 +109,9 @@ class _TerrainOnDisk:
 
     def terrain(self, window: Window) -> Terrain:
         """A window of the terrain, without colors."""
-        height_m, cell_m = self.heights_m(window), self.grid.cell_m
-        west_m = self.grid.west_m + window[1].start * cell_m
-        grid = Grid(west_m, self.grid.north_m - window[0].start * cell_m, cell_m, _size(height_m))
+        height_m = self.heights_m(window)
         no_color = np.broadcast_to(np.float32(np.nan), (*height_m.shape, 3))
-        return Terrain(grid, height_m, no_color)
+        return Terrain(self.grid.window(*window), height_m, no_color)
 
     def noise_m(self, window: Window, known: NDArray[np.bool_]) -> Array:
         """(h, w) standard errors of the heights of a window, by those of the ranges."""
@@ -235,7 +227,3 @@ def _coarse(window: Window, cells: int) -> Window:
     """A window in cells that are so many times as large, of which it begins with a whole one."""
     rows, columns = (slice(each.start // cells, -(-each.stop // cells)) for each in window)
     return rows, columns
-
-
-def _size(height_m: Array) -> tuple[int, int]:
-    return height_m.shape[0], height_m.shape[1]

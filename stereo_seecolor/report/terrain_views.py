@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.geometry import inverse, transform_points
+from calibration.transforms import inverse, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun
@@ -160,9 +160,8 @@ def _sampled(
     """(h, w) the values of a frame's nearest pixels at points (h, w, 3); NaN outside its image."""
     local = transform_points(inverse(T), points)
     width, height = geometry.image_size
-    with np.errstate(invalid="ignore", divide="ignore"):
-        u = geometry.focal_px * local[..., 0] / local[..., 2] + geometry.cx_left_px
-        v = geometry.focal_px * local[..., 1] / local[..., 2] + geometry.cy_px
+    u, v = np.moveaxis(geometry.project(local), -1, 0)
+    with np.errstate(invalid="ignore"):
         inside = (
             (local[..., 2] > 0) & (u > -0.5) & (v > -0.5) & (u < width - 0.5) & (v < height - 0.5)
         )

@@ -22,9 +22,7 @@ def phrase(key: str, **values: Any) -> str:
 
 
 def digits(value: float, count: int = 3) -> str:
-    """A number with ``count`` significant digits, never in powers of ten; what is below a millionth
-    is 0.
-    """
+    """A number with ``count`` digits, never in powers of ten; below a millionth 0."""
     if abs(value) < 1e-6:
         return "0"
     text = f"{value:.{count}g}"

@@ -77,9 +77,7 @@ def _of_pairs(facts: RowFacts) -> list[str]:
 
 
 def _matters(warning: str) -> bool:
-    """Whether a warning of a frame says more than that something small moved in it, as a soft coral
-    does.
-    """
+    """Whether a frame's warning says more than that something small moved in it."""
     if warning.startswith(DOUBT):  # of the white point: the verdict has a reason of its own
         return False
     small = re.match(r"([\d.]+)% of the left image has no match", warning)

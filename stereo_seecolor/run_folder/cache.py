@@ -35,9 +35,7 @@ KEY_CHARACTERS = 64
 
 
 def keep(path: Path, key: str, content: Iterable[bytes]) -> None:
-    """Write content, piece by piece, under the hash of what it was made from. Raises
-    OutputError.
-    """
+    """Write content, piece by piece, under the hash of its sources. Raises OutputError."""
     write_replaceable(path, _file(key, content))
 
 
@@ -155,9 +153,7 @@ class KeptRefinement:
     note: str
 
     def save(self, root: Path, key: str) -> None:
-        """Keep it under the hash of the rig before and of how images are read. Raises
-        OutputError.
-        """
+        """Keep it under the hash of the rig before and of the settings. Raises OutputError."""
         keep(cache_file(root, "refined_rig"), key, JsonText(asdict(self)))
 
     @classmethod
@@ -233,9 +229,7 @@ class KeptPlan:
     pass_seconds: dict[str, float]
 
     def save(self, root: Path, config: RunConfig) -> None:
-        """Keep the prediction for a dive of so many pairs with these settings. Raises
-        OutputError.
-        """
+        """Keep the prediction for so many pairs with these settings. Raises OutputError."""
         keep(cache_file(root, "plan"), _plan_key(self.pairs, config), JsonText(asdict(self)))
 
     @staticmethod
@@ -256,9 +250,7 @@ class KeptPlan:
 
     @classmethod
     def load(cls, root: Path, pairs: int, config: RunConfig) -> "KeptPlan | None":
-        """Read the prediction for a dive of so many pairs with these settings; None where there is
-        none.
-        """
+        """Read the prediction for so many pairs with these settings; None if none."""
         return _kept_record(cls, cache_file(root, "plan"), _plan_key(pairs, config))
 
     def cost(self, cores: int) -> Cost:

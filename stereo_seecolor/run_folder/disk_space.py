@@ -31,9 +31,7 @@ BYTES = BytesAPixel()
 
 
 def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
-    """Estimate the bytes of a pair. corrected: with its picture and cloud, not with its range
-    alone.
-    """
+    """Estimate the bytes of a pair. corrected: with picture and cloud, not with range alone."""
     total = BYTES.others
     total += BYTES.deflated_range + BYTES.deflated_std if output.deflated_maps else 2 * BYTES.map
     total += corrected * (BYTES.picture + BYTES.cloud * output.with_clouds)

@@ -29,9 +29,7 @@ class DiveFiles:
         self._owned, self._manifest = owned, manifest
 
     def digest(self, stage: Stage) -> str:
-        """Hash all frames whose stage is current, to tell whether what is made from them is up to
-        date.
-        """
+        """Hash all frames whose stage is current, to tell if what they give is up to date."""
         current = (
             frame for frame in self._manifest.frames() if self.record.is_current(frame, stage)
         )
@@ -52,9 +50,7 @@ class DiveFiles:
         self.update(replace(self.record, waters=dict(keys)))
 
     def update(self, record: DiveRecord) -> None:
-        """Replace the record of the dive, once all files written before are durable. Raises
-        OutputError.
-        """
+        """Replace the dive's record, once all earlier files are durable. Raises OutputError."""
         self._owned.flush()
         self.record = record
         self._manifest.save_dive(record)
@@ -114,9 +110,7 @@ class DiveFiles:
         return is_ours(self.root, name, self.record.files) and holds(self.root / name, content)
 
     def remove(self, *names: str) -> None:
-        """Delete files of the whole dive, or all files of a folder such as map, that the program
-        wrote.
-        """
+        """Delete files of the whole dive, or all of a folder, that the program wrote."""
         folders = tuple(f"{name}/" for name in names)
         gone = [path for path in self.record.files if path in names or path.startswith(folders)]
         lost = [name for name in names if name != INDEX and not name.startswith(f"{PAGE}/")]

@@ -124,9 +124,7 @@ class FinishedFrame:
 
 
 def _problem(product: str, pixels: NDArray[Any]) -> str:
-    """Why pixels are not those of a product: another image lies in its place; "" where they may
-    be.
-    """
+    """Why pixels are not those of a product: another image in its place; "" if they may be."""
     what = product.rpartition("/")[2]
     if what == "corrected":
         return "" if pixels.ndim == 2 or pixels.shape[2] == 3 else "has another number of channels"
@@ -206,9 +204,7 @@ class FinishedRun:
 
     @property
     def range_error(self) -> RangeError | None:
-        """The error of ranges that the check of the dive measured; None if it could not measure
-        one.
-        """
+        """The error of ranges by the check of the dive; None if it measured none."""
         return as_record(_Totals, self.totals).range_error
 
     @cached_property

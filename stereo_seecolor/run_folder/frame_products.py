@@ -93,9 +93,7 @@ class FrameProducts:
         return replace(known, timestamp_s=timestamp_s, inputs=inputs)
 
     def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
-        """Read the pixels of a product of a frame. Raises InputError if the file is gone or
-        damaged.
-        """
+        """Read a product's pixels of a frame. Raises InputError if it is gone or damaged."""
         paths = {
             name: path for stage in frame.stages.values() for name, path in stage.outputs.items()
         }

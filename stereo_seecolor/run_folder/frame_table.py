@@ -21,9 +21,7 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class FrameTable:
-    """The rows of a dive in the order in which they came. failed: name of a pair that failed ->
-    why.
-    """
+    """The rows of a dive in order of arrival. failed: name of a pair that failed -> why."""
 
     def __init__(self) -> None:
         self.failed: dict[str, str] = {}

@@ -174,9 +174,7 @@ def scratch_folder(root: Path) -> Path:
 
 
 def cache_file(root: Path, name: str) -> Path:
-    """The file of the run's cache for that name; moment tables are of the same form
-    (``table_file``).
-    """
+    """The file of the run's cache for that name; moment tables are alike (``table_file``)."""
     return state(root, f"{name}{KEPT}")
 
 
@@ -186,7 +184,5 @@ def table_file(name: str, subfolder: str) -> str:
 
 
 def record_subfolder(name: str) -> str:
-    """The folder of a frame's record in a large dive, found by the frame's name alone: one of
-    256.
-    """
+    """The folder of a frame's record in a large dive, by the frame's name: one of 256."""
     return f"{zlib.crc32(name.encode()) % 256:02x}"

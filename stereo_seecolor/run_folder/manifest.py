@@ -158,9 +158,7 @@ class Manifest:
         self._dive_file.unlink(missing_ok=True)
 
     def names(self) -> list[str]:
-        """List the frames that have a record, sorted, without temporary files that a killed process
-        left.
-        """
+        """The frames that have a record, sorted, without temporary files of killed processes."""
         found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
         files = (path for paths in found for path in paths)
         return sorted({file.stem for file in files if not file.name.startswith(TEMPORARY_PREFIX)})

@@ -75,9 +75,7 @@ def _recover(folder: RunFolder) -> None:
 
 
 def _remove_old(folder: RunFolder) -> None:
-    """Delete the earlier map; files in it that are not of this program are kept in
-    OUT/set_aside.
-    """
+    """Delete the earlier map; files of others in it are kept in OUT/set_aside."""
     old = state(folder.root, OLD)
     if not old.is_dir():
         return

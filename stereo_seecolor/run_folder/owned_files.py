@@ -52,9 +52,7 @@ class OwnedFiles:
         return written
 
     def remove_leftovers(self) -> None:
-        """Delete temporary files that killed processes left; to be called while no process
-        writes.
-        """
+        """Delete temporary files that killed processes left; call it while no process writes."""
         for name in (MAP, "."):
             atomic.remove_leftovers(self.root / name)
         for folder in (*(self.root / name for name in (*PRODUCTS, PAGE)), state(self.root)):

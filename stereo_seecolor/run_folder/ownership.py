@@ -157,9 +157,7 @@ def check_ownership(manifest: Manifest, request: FolderRequest) -> None:
 
 
 def _holds_results(manifest: Manifest) -> bool:
-    """False after a run that was refused before its first pair, such as one with exchanged
-    sides.
-    """
+    """False after a run that was refused before its first pair, as for exchanged sides."""
     return bool(manifest.names() or manifest.dive().files)
 
 
@@ -204,9 +202,7 @@ def refuse_files_of_others(manifest: Manifest) -> None:
 
 
 def _refuse_foreign_originals(manifest: Manifest) -> None:
-    """Products in the camera's own pixels have the names of its images: each frame's record knows
-    them.
-    """
+    """Products in the camera's pixels have its images' names: each record knows them."""
     found = [path for path in files_below(manifest.root / ORIGINAL) if not _of_system(path.name)]
     known = {path for frame in manifest.frames() for path in frame.files} if found else set()
     for path in found:

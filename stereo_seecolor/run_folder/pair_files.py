@@ -89,9 +89,7 @@ def original_files(left: Path, correction: Correction, range_map: RangeMap, exif
 
 
 def rectified_files(name: str, left: Image, right: Image) -> Files:
-    """Give the rectified images of one pair, OUT/rectified_left and OUT/rectified_right, always
-    PNG.
-    """
+    """The rectified images of one pair, OUT/rectified_left and OUT/rectified_right, always PNG."""
     contents: Encoders = {
         "rectified_left": lambda: encode_image(left, "png"),
         "rectified_right": lambda: encode_image(right, "png"),

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import inverse, pose, rotation_from_quaternion
 from stereo_seecolor.records import GeoOrigin, Map
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
@@ -128,7 +128,9 @@ def open_posed_run(out: Path) -> PosedRun:
         )
     try:
         rows = _poses(folder / "trajectory.tum")
-        T = pose(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - np.array(made.offset_m))
+        T = rigid_transform(
+            rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - np.array(made.offset_m)
+        )
     except (OSError, ValueError, IndexError) as error:
         raise InputError(
             f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}"

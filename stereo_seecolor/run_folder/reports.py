@@ -155,9 +155,7 @@ class FinalRows(Lazy[FrameRow]):
 
 
 def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:
-    """List the current products of OUT in the order of a summary, and whether this run wrote
-    them.
-    """
+    """The current products of OUT in a summary's order, and whether this run wrote them."""
     files = folder.dive.record.files
     names = {
         name

@@ -7,7 +7,6 @@ import numpy as np
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map, SurveyFrame
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, geometry_of
 from stereo_seecolor.run_folder.pair_files import MASK_CODES
@@ -69,7 +68,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
         if "range_std" in frame.products:
             range_std_m: Map = frame.read("range_std")
         else:
-            range_std_m = estimated_range_std_m(range_m, self.geometry)
+            range_std_m = self.geometry.estimated_range_std_m(range_m)
         return SurveyFrame(
             name=frame.name,
             timestamp_s=frame.timestamp_s,

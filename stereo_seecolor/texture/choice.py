@@ -23,9 +23,7 @@ ROUNDS = 2
 
 
 def choose(candidates: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Choose the view of each triangle: (F,), -1 where none shows it. across: (F, 3), neighbors or
-    -1.
-    """
+    """The view of each triangle: (F,), -1 without one. across: (F, 3), neighbors or -1."""
     with np.errstate(divide="ignore"):
         cost = np.where(candidates.view >= 0, -np.log(np.maximum(candidates.value, 1e-9)), np.inf)
     faces = np.arange(len(cost))
@@ -42,9 +40,7 @@ def choose(candidates: Candidates, across: NDArray[np.int64]) -> NDArray[np.int3
 
 @compiled
 def settle(label, view, cost, across, seam, sweeps):  # type: ignore[no-untyped-def]
-    """Give each triangle the view that costs least beside its neighbors, in place, until none
-    changes.
-    """
+    """Give each triangle the view that costs least beside its neighbors, in place."""
     for _ in range(sweeps):
         changed = False
         for f in range(len(label)):

@@ -93,9 +93,7 @@ def relax(starts, columns, weights, right, values, sweeps):  # type: ignore[no-u
 
 
 def _smoothed(values: NDArray[np.float64], edges: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Values of nodes (N, 3) averaged over some neighbors: what the map's cells blend is no
-    error.
-    """
+    """Values of nodes (N, 3), each the mean of some neighbors, as the map's cells blend them."""
     ends = np.concatenate(
         [edges, edges[:, ::-1], np.repeat(np.arange(len(values)), 2).reshape(-1, 2)]
     )

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import transform_points
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import eight_bit
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -102,12 +102,9 @@ class Views:
                 yield number
 
     def project(self, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels (N, 2), with (0, 0) in the center of the top left one, of points (N, 3) of the
-        map.
-        """
+        """Pixels (N, 2), (0, 0) the center of the top left one, of points (N, 3) of the map."""
         seen = transform_points(self.posed.T_camera_map[number], points)
-        pixels = seen @ self.posed.geometry.P_left.T
-        return np.asarray(pixels[:, :2] / pixels[:, 2:])
+        return self.posed.geometry.project(seen)
 
 
 def _range_m(posed: PosedRun, number: int) -> Map:
@@ -160,9 +157,7 @@ def candidates(views: Views, surface: PaintedSurface) -> Candidates:
 
 @compiled
 def rate(surface, camera, seen, limits, number, view, value):  # type: ignore[no-untyped-def]
-    """Put a view among the best of each triangle that it shows. camera: (3, 4) projection and
-    (3,) place.
-    """
+    """Put a view among the best of triangles that it shows. camera: (3, 4), place (3,)."""
     position, triangles, color, bound_m = surface
     range_m, soft, sharpness = seen
     same_range, border_px, corner_loss, color_std = limits

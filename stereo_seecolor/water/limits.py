@@ -58,9 +58,7 @@ _LEAST, _GREATEST = (np.array([[bounds[end]] for bounds in BOUNDS.values()]) for
 
 
 def problem_of(water: Mapping[str, Any]) -> str:
-    """The first problem of these water parameters, as "name must be ... (got ...)"; "" for
-    none.
-    """
+    """The first problem of these water parameters, as "name must be ... (got ...)"; "" for none."""
     printed = _number_problem("final_sigmoid", water["final_sigmoid"], 0.0, LIMITS.light)
     bounds_of = BOUNDS | (
         {"gamma_inf": _LOGIT, "eta": _LOGIT} if not printed and water["final_sigmoid"] else {}

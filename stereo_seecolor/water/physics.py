@@ -24,9 +24,7 @@ def cged(x: Any) -> Any:
 
 
 def sigmoid(x: Any) -> Any:
-    """1 / (1 + exp(-x)); the last layer of the paper's backscatter network (fig.
-    backscatter-net).
-    """
+    """1 / (1 + exp(-x)); the last layer of the paper's network (fig. backscatter-net)."""
     return 1 / (1 + _library(x).exp(-x))
 
 

@@ -62,7 +62,7 @@ def test_one_lens_and_a_baseline_are_of_rectified_images(tmp_path: Path) -> None
     (tmp_path / "rig.yaml").write_text(
         "fx: 500\ncx: 310.5\ncy: 240\nbaseline_mm: 63\nk1: -0.2\nk2: 0.1\n"
     )
-    with pytest.raises(CalibrationError, match="contains only one lens"):
+    with pytest.raises(CalibrationError, match=r"rig\.yaml"):
         load_rig(tmp_path / "rig.yaml", SIZE)
 
 

@@ -13,8 +13,7 @@ from calibration_boards import fisheye_rig, pinhole_rig
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import format_name, load_rig
-from calibration.geometry import inverse_transform
-from stereo_seecolor.geometry import pose
+from calibration.transforms import inverse, rigid_transform
 
 
 def same(read: StereoRig, rig: StereoRig) -> None:
@@ -76,7 +75,7 @@ def test_zed(tmp_path: Path) -> None:
 
 
 def oak(rig: StereoRig, right_to_left: bool = False) -> dict[str, Any]:
-    T = inverse_transform(rig.T_right_left) if right_to_left else rig.T_right_left
+    T = inverse(rig.T_right_left) if right_to_left else rig.T_right_left
     there = {
         "rotationMatrix": T[:3, :3].tolist(),
         "translation": dict(zip("xyz", (100 * T[:3, 3]).tolist(), strict=True)),
@@ -123,10 +122,10 @@ def test_oak(rig: StereoRig, right_to_left: bool, tmp_path: Path) -> None:
 def basalt(rig: StereoRig) -> dict[str, Any]:
     from scipy.spatial.transform import Rotation
 
-    T_imu_left = pose(
+    T_imu_left = rigid_transform(
         Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix(), np.array([0.1, -0.02, 0.05])
     )
-    T_imu_right = T_imu_left @ inverse_transform(rig.T_right_left)
+    T_imu_right = T_imu_left @ inverse(rig.T_right_left)
     poses, lenses = [], []
     for T, camera in ((T_imu_left, rig.left), (T_imu_right, rig.right)):
         quaternion = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()

@@ -18,7 +18,7 @@ from test_calibration_formats import seen
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import load_rig
-from calibration.geometry import inverse_transform
+from calibration.transforms import inverse
 
 RIG = small_rig()
 R, T = RIG.R, RIG.T_right_left[:3, 3]
@@ -83,11 +83,11 @@ NESTED: dict[str, dict[str, Any]] = {
     },
     "a transform the other way": {
         "imgSize_left": [640, 480], "left": LEFT, "right": RIGHT,
-        "T_right_to_left": inverse_transform(RIG.T_right_left),
+        "T_right_to_left": inverse(RIG.T_right_left),
     },
     "poses of cameras on a body": {
         "left_params": lens(RIG.left, T_SC=np.eye(4)), "right_params": lens(RIG.right,
-        T_SC=inverse_transform(RIG.T_right_left)),
+        T_SC=inverse(RIG.T_right_left)),
     },
     "a pose for each camera": {
         "cam_1": {"matrix": RIG.left.K, "distortions": RIG.left.distortion, "size": [640, 480],
@@ -234,9 +234,9 @@ def test_projections_in_block_yaml_are_not_kittis(unit: float, tmp_path: Path) -
     assert any("millimeters" in doubt for doubt in found.doubts) == (unit == 1000)
 
 
-@pytest.mark.parametrize("inverse", [False, True])
-def test_a_transform_of_open_sense_carries_both_readings(inverse: bool, tmp_path: Path) -> None:
-    transform = inverse_transform(RIG.T_right_left) if inverse else RIG.T_right_left
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_transform_of_open_sense_carries_both_readings(inverted: bool, tmp_path: Path) -> None:
+    transform = inverse(RIG.T_right_left) if inverted else RIG.T_right_left
     matrices = {
         "LEFT.K": RIG.left.K,
         "LEFT.D": RIG.left.distortion,
@@ -255,7 +255,7 @@ def test_a_transform_of_open_sense_carries_both_readings(inverse: bool, tmp_path
     (tmp_path / "settings.yaml").write_text(text)
     found = load_rig(tmp_path / "settings.yaml", SIZE)
     assert_same(found)
-    assert len(found.alternatives) == int(inverse)
+    assert len(found.alternatives) == int(inverted)
 
 
 def test_two_baselines_in_a_file_are_named(tmp_path: Path) -> None:
@@ -429,7 +429,7 @@ def test_one_lens_each(tmp_path: Path) -> None:
         r"missing",
     ):
         load_rig(f"{tmp_path}/left.json,{tmp_path}/right.json")
-    with pytest.raises(CalibrationError, match="contains only one lens"):
+    with pytest.raises(CalibrationError, match=r"left\.json"):
         load_rig(tmp_path / "left.json")
     write_json(tmp_path / "stereo.json", {"R": R, "T": T})
     assert_same(load_rig(tmp_path))

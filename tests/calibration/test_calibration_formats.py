@@ -27,8 +27,8 @@ from hypothesis.strategies import DrawFn, floats, integers
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import WritableFormat, load_rig, write_rig
-from calibration.geometry import rigid
 from calibration.rig_errors import RigErrors
+from calibration.transforms import rigid_transform
 
 FORMATS: dict[WritableFormat, str] = {
     "native": "cam.yaml",
@@ -211,7 +211,9 @@ P: {P}
 @pytest.mark.parametrize(("key", "inverse"), [("T_cam_imu", False), ("T_imu_cam", True)])
 def test_kalibr_poses_to_an_imu(key: str, inverse: bool, tmp_path: Path) -> None:
     content = yaml.safe_load(KALIBR)
-    to_left = rigid(cv2.Rodrigues(np.array([0.3, -0.2, 1.5]))[0], np.array([0.02, 0.1, -0.05]))
+    to_left = rigid_transform(
+        cv2.Rodrigues(np.array([0.3, -0.2, 1.5]))[0], np.array([0.02, 0.1, -0.05])
+    )
     to_right = np.array(content["cam1"].pop("T_cn_cnm1")) @ to_left
     for camera, pose in (("cam0", to_left), ("cam1", to_right)):
         content[camera][key] = (np.linalg.inv(pose) if inverse else pose).tolist()

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import format_name, load_rig
-from calibration.geometry import inverse_transform, rigid
+from calibration.transforms import inverse, rigid_transform
 
 SIZE = (1360, 1024)
-T_RIGHT_LEFT = rigid(
+T_RIGHT_LEFT = rigid_transform(
     Rotation.from_rotvec([0.01, -0.03, 0.02]).as_matrix(), np.array([-0.12, 0.004, 0.002])
 )
 POINTS = np.array([[x, y, z] for x in (-0.5, 0.0, 0.4) for y in (-0.3, 0.25) for z in (0.9, 2.5)])
@@ -51,7 +51,7 @@ def metashape_pixels(points: np.ndarray, k4: float = 0.0) -> np.ndarray:
 def metashape(
     k4: float = 0.0, kind: str = "frame", scale: float | None = None, place: bool = True
 ) -> str:
-    T_master_slave = inverse_transform(T_RIGHT_LEFT)
+    T_master_slave = inverse(T_RIGHT_LEFT)
     rotation, location = (
         " ".join(map(repr, part.ravel().tolist()))
         for part in (T_master_slave[:3, :3], T_master_slave[:3, 3] / (scale or 1))
@@ -198,8 +198,10 @@ def test_damaged_cameras_of_colmap(line: str, tmp_path: Path) -> None:
         load_rig(tmp_path)
 
 
-BODY_LEFT = rigid(Rotation.from_rotvec([0.5, -1.2, 0.3]).as_matrix(), np.array([0.05, -0.1, 0.2]))
-BODY = (BODY_LEFT, BODY_LEFT @ inverse_transform(T_RIGHT_LEFT))
+BODY_LEFT = rigid_transform(
+    Rotation.from_rotvec([0.5, -1.2, 0.3]).as_matrix(), np.array([0.05, -0.1, 0.2])
+)
+BODY = (BODY_LEFT, BODY_LEFT @ inverse(T_RIGHT_LEFT))
 
 
 def test_okvis(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from calibration.formats import load_rig
 from calibration.refine import PARAMETERS, moved_rig, refine_matches
 from calibration.verification.matches import Matches
 from stereo_seecolor.checks.sample import read_both
-from stereo_seecolor.commands.rig_loading import refine_rig
+from stereo_seecolor.commands.rig_refinement import refine_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.inputs.dive_pairs import pair_sides
@@ -148,7 +148,7 @@ def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
     calibrated = load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024))
     images = InputConfig()
     pairs = pair_sides(real_data / "acfr" / "left", real_data / "acfr" / "right", images).pairs
-    rig = refine_rig(calibrated, pairs[6:16], images, RunOptions())
+    rig = refine_rig(calibrated, pairs[6:16:2], pairs[6:16], images, RunOptions())
     found = rig.refinement
     assert found and 0.4 < found.before_px < 0.8
     assert found.after_px < 0.15

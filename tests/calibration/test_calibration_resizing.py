@@ -12,9 +12,9 @@ from test_turned_pairs import turned_dive
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import load_rig, load_rig_of_images
-from calibration.geometry import rigid
 from calibration.resizing import resized_rig, wrong_size
 from calibration.rig import quarter_turn
+from calibration.transforms import rigid_transform
 from stereo_seecolor.commands.convert_calib import convert_calib
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
@@ -63,7 +63,9 @@ def test_a_right_camera_whose_images_are_turned(scene: Scene) -> None:
     pair = scene.pair.turned(1)
     turn = quarter_turn(-1)
     right = Camera(pair.P_left, np.zeros(0), pair.image_size)
-    turned = StereoRig(rig.left, right, rigid(turn @ rig.R, turn @ rig.T_right_left[:3, 3]))
+    turned = StereoRig(
+        rig.left, right, rigid_transform(turn @ rig.R, turn @ rig.T_right_left[:3, 3])
+    )
     turned_frame = StereoFrame("turned", frame.left, np.ascontiguousarray(np.rot90(frame.right)))
     straight, found = (
         Pipeline(one, RunConfig()).process(images).range_map.range_m

@@ -7,8 +7,8 @@ import pytest
 from matching_scenes import Scene, render
 
 from calibration import Camera, StereoRig
-from calibration.geometry import rigid
 from calibration.rig import quarter_turn
+from calibration.transforms import rigid_transform
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import StereoFrame
@@ -25,7 +25,7 @@ def turned_dive(scene: Scene, turns: int) -> tuple[StereoRig, StereoFrame]:
     camera = Camera(pair.P_left, np.zeros(0), pair.image_size)
     to_turned = quarter_turn(-turns)
     rig = StereoRig(
-        camera, camera, rigid(np.eye(3), to_turned @ [-scene.pair.baseline_m, 0.0, 0.0])
+        camera, camera, rigid_transform(np.eye(3), to_turned @ [-scene.pair.baseline_m, 0.0, 0.0])
     )
     left, right = (
         np.ascontiguousarray(np.rot90(image, turns))

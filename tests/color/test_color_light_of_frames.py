@@ -47,7 +47,7 @@ REEF = Path(__file__).parents[2] / "data_samples" / "reef"
 FRAMES = 400
 ALL = LightTerms(pattern=True, ranged=True, gains=True)
 RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-HALF = light_search.reduced(RECTIFICATION.pair, every=2)
+HALF = RECTIFICATION.pair.reduced(2)
 
 
 NO_SHADING = False, False

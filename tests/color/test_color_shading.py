@@ -31,7 +31,7 @@ from stereo_seecolor.records import Capture, Image, Map
 Array = NDArray[np.float64]
 REEF = Path(__file__).parents[2] / "data_samples" / "reef"
 RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-HALF = light_search.reduced(RECTIFICATION.pair, every=2)
+HALF = RECTIFICATION.pair.reduced(2)
 ALL = LightTerms(pattern=True, ranged=True, gains=True, shading=True)
 SIZE = (160, 128)
 FRAMES = 12

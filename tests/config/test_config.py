@@ -112,10 +112,7 @@ def test_dumped_configuration_loads_again() -> None:
             r"there is no setting 'mapping\.mount\.xyz'; did you mean 'mapping\.mount\.xyz_m'",
         ),
         ("mapping.mount.sway_m=1", r"it is now mapping\.mount\.xyz_m=\[surge, sway, heave\]$"),
-        (
-            "mapping.mount={yaw_deg: 0}",
-            r"it is now mapping\.mount\.rpy_deg=\[roll, pitch, yaw\]$",
-        ),
+        ("mapping.mount={yaw_deg: 0}", r"it is now mapping\.mount\.rpy_deg=\[roll, pitch, yaw\]$"),
         ("mapping.mount.rpy_deg=[1, 2]", r"^--set: mapping\.mount\.rpy_deg: must be three numbers"),
         ("mapping.mount.xyz_m=0,0,1", r"^--set: mapping\.mount\.xyz_m: must be three numbers"),
         ("mapping.voxel_m.x=1", r"there is no setting 'mapping\.voxel_m\.x'"),

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration import Camera, Rectification, RectifiedPair, StereoRig
-from stereo_seecolor.geometry import rotation_from_vector
+from calibration.transforms import rotation_from_vector
 
 PAIR = RectifiedPair(
     focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60)
@@ -63,3 +63,21 @@ def test_rotations_from_vectors_agree_with_scipy() -> None:
     )
     expected = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(50, 4, 3, 3)
     np.testing.assert_allclose(rotation_from_vector(vectors), expected, atol=1e-14)
+
+
+def test_a_geometry_keeps_its_rays_at_a_smaller_size() -> None:
+    pair = RectifiedPair(600.0, 320.2, 318.0, 251.7, 0.12, (643, 501))
+    small = pair.reduced(2)
+    assert small.image_size == (321, 250)
+    # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
+    center = np.array([10.5, 20.5])
+    rays = (center - (pair.cx_left_px, pair.cy_px)) / pair.focal_px
+    np.testing.assert_allclose(
+        (np.array([5, 10]) - (small.cx_left_px, small.cy_px)) / small.focal_px, rays
+    )
+
+
+def test_points_are_projected_to_the_pixels_that_show_them() -> None:
+    points = PAIR.points_from_range(np.full((60, 80), 2.0, np.float32))
+    y, x = np.mgrid[:60, :80]
+    np.testing.assert_allclose(PAIR.project(points), np.stack([x, y], axis=-1), atol=1e-4)

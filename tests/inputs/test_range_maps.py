@@ -217,10 +217,7 @@ def test_arrays_are_paired_with_images(tmp_path: Path) -> None:
 
 
 def fitted(
-    water: WaterName,
-    ranges: Callable[[np.ndarray], np.ndarray],
-    gray: bool = False,
-    ways: int = 1,
+    water: WaterName, ranges: Callable[[np.ndarray], np.ndarray], gray: bool = False, ways: int = 1
 ) -> dict[str, Water]:
     """Waters fitted to drawn frames of a slope, with the ranges that ``ranges`` makes of the true
     ones. ways: how often the light crosses the range, 2 for lamps on the rig, whose fall-off is

@@ -14,8 +14,8 @@ from mapping_scene import ReefFrames
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import bundle_problem, odometry, placement_refinement
@@ -83,7 +83,7 @@ def line(true_std: Array, frames: int = 12, seed: int = 1) -> Line:
     down = rotation_from_vector(np.array([np.pi, 0, 0]))
     T = np.stack(
         [
-            pose(down @ rotation_from_vector(rng.normal(0, 0.05, 3)), [0.4 * i, 0, 1.8])
+            rigid_transform(down @ rotation_from_vector(rng.normal(0, 0.05, 3)), [0.4 * i, 0, 1.8])
             for i in range(frames)
         ]
     )
@@ -258,7 +258,7 @@ def test_poor_navigation_is_averaged_out_and_places_the_track() -> None:
     scene, rng = line(STATED, frames=8), np.random.default_rng(5)
     priors = []
     for i, T in enumerate(scene.T):
-        noisy = T @ pose(rotation_from_vector(rng.normal(0, 0.01, 3)), np.zeros(3))
+        noisy = T @ rigid_transform(rotation_from_vector(rng.normal(0, 0.01, 3)), np.zeros(3))
         noisy[:3, 3] += rng.normal(0, 0.05, 3)
         priors.append(Prior(i, noisy, np.full(3, 0.05), 0.01))
     given = np.array([prior.T_world_camera for prior in priors])

@@ -12,6 +12,7 @@ import pytest
 import rasterio
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 
+from calibration.transforms import transform_points
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.earth import degrees_from_north_east, geodetic_from_geocentric
@@ -19,7 +20,6 @@ from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.extras.export import tiles_3d
 from stereo_seecolor.extras.reef.markers import open_posed_run
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import crs_name, crs_wkt, in_utm, utm_of
 from stereo_seecolor.mapping.survey_map import build_map, check

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.deviations import deviations
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -27,7 +27,7 @@ def true_poses() -> Poses:
     along = 0.3 * np.arange(FRAMES)
     R = rotation_from_vector(np.stack([0 * along, 0 * along, 0.4 * np.sin(along)], axis=1))
     places = np.stack([along, np.sin(along), 0 * along], axis=1)
-    return np.stack([pose(*one) for one in zip(R, places, strict=True)])[::-1].copy()
+    return np.stack([rigid_transform(*one) for one in zip(R, places, strict=True)])[::-1].copy()
 
 
 def edges() -> list[Edge]:

@@ -5,12 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.extras.evaluation.map_errors import (
-    nearest_distance_m,
-    surface_points,
-    trajectory_error,
-)
-from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transform_points
+from benchmarks.map_errors import nearest_distance_m, surface_points, trajectory_error
+from calibration.transforms import rigid_alignment, rotation_from_vector, transform_points
 
 
 @pytest.mark.slow

@@ -11,19 +11,19 @@ from mapping_scene import write_run
 from numpy.typing import NDArray
 from test_markers import RIG, bottom, cameras, frame
 
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.navigation.fixes import at_fixes, fit_to_fixes
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 Array = NDArray[np.float64]
-TRUE = pose(rotation_from_vector(np.array([0.0, 0.0, 2.0])), [120.0, -40.0, 0.0])
+TRUE = rigid_transform(rotation_from_vector(np.array([0.0, 0.0, 2.0])), [120.0, -40.0, 0.0])
 
 
 def lawn_mower(count: int, line_m: float) -> Array:
@@ -36,7 +36,7 @@ def lawn_mower(count: int, line_m: float) -> Array:
             np.full(count, 3.0),
         ]
     )
-    return np.stack([pose(np.eye(3), place) for place in places])
+    return np.stack([rigid_transform(np.eye(3), place) for place in places])
 
 
 def fixed(T: Array, scatter_m: float, seed: int = 0) -> Trajectory:
@@ -45,7 +45,7 @@ def fixed(T: Array, scatter_m: float, seed: int = 0) -> Trajectory:
     places = transform_points(TRUE, T[:, :3, 3]) + rng.normal(0, scatter_m, (len(T), 3)) * [1, 1, 0]
     places[::10, :2] += 30
     places[:, 2] = 0
-    fixes = np.stack([pose(np.eye(3), place) for place in places])
+    fixes = np.stack([rigid_transform(np.eye(3), place) for place in places])
     return Trajectory(("",) * len(T), np.arange(float(len(T))), fixes, fixes=True)
 
 
@@ -84,8 +84,7 @@ def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> No
 def test_a_dive_shorter_than_its_fixes_scatter_is_refused() -> None:
     T = lawn_mower(40, 2.0)
     with pytest.raises(
-        MappingError,
-        match="40 fixes along its track do not determine its heading: they scatter by",
+        MappingError, match="40 fixes along its track do not determine its heading: they scatter by"
     ):
         place(T, fixed(T, 2.0))
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from benchmarks.map_errors import nearest_distance_m
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.extras.evaluation.map_errors import nearest_distance_m
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files import raw_arrays
 from stereo_seecolor.files.ply import VERTEX

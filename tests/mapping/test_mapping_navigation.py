@@ -14,11 +14,11 @@ from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.map_errors import trajectory_error
+from calibration.transforms import inverse, quaternion, rigid_transform, rotation_from_vector
 from stereo_seecolor.cli.results import map_exit_code
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.extras.evaluation.map_errors import trajectory_error
-from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping import placing
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation import spot_check as spot_check_file
@@ -137,11 +137,13 @@ def rounded(step_m: float) -> Callable[[Poses], Poses]:
 
 
 def north_east_down(T: Poses) -> Poses:
-    return np.asarray(pose(R_ENU_NED, np.zeros(3)) @ T)
+    return np.asarray(rigid_transform(R_ENU_NED, np.zeros(3)) @ T)
 
 
 def turned(degrees: float) -> Callable[[Poses], Poses]:
-    return lambda T: T @ pose(rotation_from_vector(np.radians([degrees, 0, 0])), np.zeros(3))
+    return lambda T: (
+        T @ rigid_transform(rotation_from_vector(np.radians([degrees, 0, 0])), np.zeros(3))
+    )
 
 
 def off_m(found: PlacedSurvey, reef: ReefFrames) -> float:
@@ -342,9 +344,9 @@ def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(
 def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
     rng = np.random.default_rng(0)
     measured = np.array(
-        [pose(rotation_from_vector(v[0]), v[1]) for v in rng.normal(0, 0.3, (30, 2, 3))]
+        [rigid_transform(rotation_from_vector(v[0]), v[1]) for v in rng.normal(0, 0.3, (30, 2, 3))]
     )
-    arm = pose(np.eye(3), np.array([0.5, -0.2, 0.3]))
+    arm = rigid_transform(np.eye(3), np.array([0.5, -0.2, 0.3]))
     seen = Motions(inverse(arm) @ measured @ arm, measured)
     found = lever_arm(seen)
     assert found is not None
@@ -360,7 +362,7 @@ def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
 def test_positions_of_another_point_of_the_vehicle_are_said_and_moved(
     placed: Callable[..., PlacedSurvey], reef: ReefFrames
 ) -> None:
-    found = placed(lambda T: T @ pose(np.eye(3), np.array([0.5, 0.0, 0.0])))
+    found = placed(lambda T: T @ rigid_transform(np.eye(3), np.array([0.5, 0.0, 0.0])))
     assert (
         found.navigation
         and found.navigation.fits
@@ -380,7 +382,10 @@ def test_poses_of_another_dive_are_not_used(
     rng = np.random.default_rng(0)
     found = placed(
         lambda T: np.stack(
-            [pose(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3)) for _ in T]
+            [
+                rigid_transform(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3))
+                for _ in T
+            ]
         )
     )
     assert found.navigation is not None
@@ -457,12 +462,14 @@ def test_a_constant_turn_is_found_from_shifts_and_turns() -> None:
     X = rotation_from_vector(np.array([0.1, -0.25, 0.3]))
     measured = np.stack(
         [
-            pose(rotation_from_vector(rng.normal(0, 0.2, 3)), rng.normal(0, 0.5, 3))
+            rigid_transform(rotation_from_vector(rng.normal(0, 0.2, 3)), rng.normal(0, 0.5, 3))
             for _ in range(20)
         ]
     )
     turn = constant_turn(
-        Motions(pose(X, np.zeros(3)) @ measured @ pose(X.T, np.zeros(3)), measured)
+        Motions(
+            rigid_transform(X, np.zeros(3)) @ measured @ rigid_transform(X.T, np.zeros(3)), measured
+        )
     )
     assert np.degrees(np.linalg.norm(Rotation.from_matrix(turn.R @ X.T).as_rotvec())) < 0.01
     assert turn.believed
@@ -488,14 +495,14 @@ def test_noisy_inverted_rotations_and_a_noisy_mount_are_told_apart() -> None:
         for seed in range(5):
             T = change(noisy(true.copy(), seed))
             turn = constant_turn(Motions.of(T, [*seen.edges, *seen.spans]))
-            with_turn = T @ pose(turn.R, np.zeros(3))
+            with_turn = T @ rigid_transform(turn.R, np.zeros(3))
             assert (seen.cost(turned_back(T.copy())) < seen.cost(with_turn)) == is_inverted
 
 
 def test_depths_of_overlapping_frames_differ_by_what_a_pose_is_off() -> None:
     frame = FrameIndex.build([flat_frame(0)], PAIR).points_m[0]
     assert depth_difference_m(frame, frame, np.eye(4)) == pytest.approx(0, abs=1e-6)
-    assert depth_difference_m(frame, frame, pose(np.eye(3), [0.1, 0, 0.07])) == pytest.approx(
-        0.07, abs=1e-3
-    )
-    assert np.isnan(depth_difference_m(frame, frame, pose(np.eye(3), [9.0, 0, 0])))
+    assert depth_difference_m(
+        frame, frame, rigid_transform(np.eye(3), [0.1, 0, 0.07])
+    ) == pytest.approx(0.07, abs=1e-3)
+    assert np.isnan(depth_difference_m(frame, frame, rigid_transform(np.eye(3), [9.0, 0, 0])))

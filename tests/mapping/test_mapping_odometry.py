@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mapping_scene import ReefFrames
 
+from benchmarks.map_errors import trajectory_error
+from calibration.transforms import inverse, rotation_from_vector
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.extras.evaluation.map_errors import trajectory_error
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from calibration.transforms import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.mapping.navigation.upright import upright
@@ -185,8 +185,7 @@ def test_times_that_count_from_the_start_of_the_dive() -> None:
     np.testing.assert_array_equal(np.isfinite(placement.T_world_camera).all(axis=(1, 2)), True)
     assert "1300000000.00" in placement.warnings[0]
     with pytest.raises(
-        MappingError,
-        match=r"of the file are 0.0 to 4.5 s.* with the dive: add \+1300000000.000 s",
+        MappingError, match=r"of the file are 0.0 to 4.5 s.* with the dive: add \+1300000000.000 s"
     ):
         place(frames, by_time(line(), np.arange(10) / 2), CONFIG)
 

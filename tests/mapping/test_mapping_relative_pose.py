@@ -5,14 +5,16 @@
 import numpy as np
 import pytest
 
-from stereo_seecolor.geometry import pose, rotation_from_vector
+from calibration.transforms import rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.track.image_space import Observed, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS, residuals
 
 
 def test_the_normal_equations_are_those_of_the_model() -> None:
     rng, count, sigmas = np.random.default_rng(0), 200, SETTINGS.outlier_sigmas
-    T = pose(rotation_from_vector(np.array([0.1, -0.2, 0.3])), np.array([0.3, -0.1, 0.2]))
+    T = rigid_transform(
+        rotation_from_vector(np.array([0.1, -0.2, 0.3])), np.array([0.3, -0.1, 0.2])
+    )
     b = np.column_stack([rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(0.3, 0.8, count)])
     a = move(T, b).points + rng.normal(0, 0.003, (count, 3))
     a_std, b_std = rng.uniform(5e-4, 2e-3, (2, count, 3))

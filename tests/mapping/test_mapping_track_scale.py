@@ -20,10 +20,10 @@ from track_scenes import (
 
 from calibration import RectifiedPair
 from calibration.formats import native
+from calibration.transforms import rigid_transform, rotation_from_vector
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.extras.synthetic.render import Scene
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
-from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.track.depth_smoothing import smooth_depth
 from stereo_seecolor.mapping.track.image_errors import FramePair, find_image_errors
 from stereo_seecolor.mapping.track.image_space import Observed, from_plane, move
@@ -171,7 +171,7 @@ def hills(seed: int) -> np.ndarray:
 
 
 def test_points_in_image_space_move_as_in_meters_and_their_derivatives_are_right() -> None:
-    T = pose(rotation_from_vector(np.array([0.1, -0.2, 0.05])), [0.3, -0.1, 0.2])
+    T = rigid_transform(rotation_from_vector(np.array([0.1, -0.2, 0.05])), [0.3, -0.1, 0.2])
     own = points(20)
     in_m = np.column_stack([own[:, :2], np.ones(20)]) / own[:, 2:]
     there_m = in_m @ T[:3, :3].T + T[:3, 3]
@@ -186,14 +186,14 @@ def test_points_in_image_space_move_as_in_meters_and_their_derivatives_are_right
             moved.by_point[:, :, k], abs=1e-4
         )
     for k, twist in enumerate(step * np.eye(6)):
-        turned = T @ pose(rotation_from_vector(twist[:3]), twist[3:])
+        turned = T @ rigid_transform(rotation_from_vector(twist[:3]), twist[3:])
         assert (move(turned, own).points - moved.points) / step == pytest.approx(
             moved.by_pose[:, :, k], abs=1e-4
         )
 
 
 def test_a_pose_fits_exact_points_in_spite_of_outliers() -> None:
-    T = pose(rotation_from_vector(np.array([0.02, -0.05, 0.1])), [0.2, -0.1, 0.02])
+    T = rigid_transform(rotation_from_vector(np.array([0.02, -0.05, 0.1])), [0.2, -0.1, 0.02])
     b = points()
     a = move(T, b).points
     a[:40] += [0.1, -0.05, 0.0]
@@ -230,7 +230,7 @@ def views(
     found = []
     for number in range(pairs):
         turn = rng.normal(0, 0.03, 3)
-        T = pose(rotation_from_vector(turn), rng.uniform(-0.3, 0.3, 3) * [1, 1, 0.2])
+        T = rigid_transform(rotation_from_vector(turn), rng.uniform(-0.3, 0.3, 3) * [1, 1, 0.2])
         b = hills(number) if flattened else points(seed=number)
         found.append(FramePair(T, seen(move(T, b).points), seen(b)))
     return found

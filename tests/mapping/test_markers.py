@@ -13,12 +13,12 @@ from mapping_scene import CONFIG, write_run
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transform_points
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.control_points import control_fit
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
@@ -59,7 +59,9 @@ def cameras() -> NDArray[np.float64]:
         rotation_from_vector(np.array(v))
         for v in ((0, 0, 0), (0.05, 0, 0.1), (0, -0.06, -0.1), (0.04, 0.05, 0.2), (-0.05, 0, 0))
     ]
-    return np.array([pose(down @ turn, [0.3 + 0.1 * i, 0.1, 1.4]) for i, turn in enumerate(turns)])
+    return np.array(
+        [rigid_transform(down @ turn, [0.3 + 0.1 * i, 0.1, 1.4]) for i, turn in enumerate(turns)]
+    )
 
 
 def frame(index: int, T: NDArray[np.float64], texture: NDArray[np.uint8]) -> SurveyFrame:
@@ -122,7 +124,7 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
 ) -> None:
     length_m = np.hypot(0.7, 0.3)
     (tmp_path / "bars.csv").write_text(f"first,second,length_m\n3,7,{length_m}\n3,99,1\n")
-    T = pose(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
+    T = rigid_transform(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
     surveyed = {
         number: transform_points(T, np.array([*place, 0.0])) for number, place in PLACES.items()
     }
@@ -187,7 +189,7 @@ def test_control_points_must_fix_the_map() -> None:
         control_fit(found[:2], places)
     with pytest.raises(InputError, match="lie on a line"):
         control_fit(found[:3], places)
-    T = pose(rotation_from_vector(np.array([0.0, 0, 2])), [3, 4, 5])
+    T = rigid_transform(rotation_from_vector(np.array([0.0, 0, 2])), [3, 4, 5])
     fit = control_fit(
         found, {number: transform_points(T, place) for number, place in places.items()}
     )

@@ -13,11 +13,11 @@ from mapping_scene import write_run
 from numpy.typing import NDArray
 from test_markers import EDGE_M, PLACES, RIG, bottom, cameras, frame
 
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.config import MappingConfig, MarkersConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
-from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.marker_tables import Places
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
@@ -30,7 +30,7 @@ from stereo_seecolor.records import SurveyFrame, Trajectory
 
 OFF = 1.012
 """The rig's ranges are so many times too long."""
-SURVEYED = pose(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
+SURVEYED = rigid_transform(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
 
 
 @pytest.fixture(scope="module")

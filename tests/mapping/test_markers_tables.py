@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, MappingError
-from stereo_seecolor.geometry import pose, rotation_from_vector, transform_points
 from stereo_seecolor.mapping.control_points import control_fit
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
 from stereo_seecolor.mapping.marker_tables import Places, read_bars, read_places
@@ -144,7 +144,7 @@ FLAT = {
     5: (0.0, 0.8, -1.5),
 }
 MARKERS = [PlacedMarker(number, 4, *place, 0.002, 0.2, 0.001) for number, place in FLAT.items()]
-SURVEYED = pose(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
+SURVEYED = rigid_transform(rotation_from_vector(np.array([0.0, 0.0, 1.0])), [100.0, 200.0, -8.0])
 CAMERAS = np.tile(np.eye(4), (3, 1, 1))
 
 
@@ -178,10 +178,7 @@ def test_places_that_turn_the_map_upside_down_are_refused(exchange: str) -> None
     corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
     own = [PlacedSighting(number, "", np.array(place) + corners) for number, place in FLAT.items()]
     marks = Marks(
-        dict.fromkeys(range(3), own),
-        None,
-        {},
-        Places(places, dict.fromkeys(places, 0.01)),
+        dict.fromkeys(range(3), own), None, {}, Places(places, dict.fromkeys(places, 0.01))
     )
     with pytest.raises(
         MappingError, match="the surveyed positions put the bottom above the cameras"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.config import MappingConfig, MountConfig
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.vehicle_track import VehicleTrack
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
@@ -93,7 +93,9 @@ def seen() -> Callable[[Trajectory], ComparedNavigation]:
         measured = inverse(true[i]) @ true[j]
         measured[:3, 3] += rng.normal(0, 0.003, 3)
         edges.append(Edge(i, j, measured, np.eye(6), 100))
-    own = Placement(pose(rotation_from_vector(np.ones(3)), np.ones(3)) @ true, np.zeros(count, int))
+    own = Placement(
+        rigid_transform(rotation_from_vector(np.ones(3)), np.ones(3)) @ true, np.zeros(count, int)
+    )
     survey = SimpleNamespace(index=index)
 
     def compare(trajectory: Trajectory) -> ComparedNavigation:

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 from test_navigation_readings import BEGIN_S, CONFIG, RATE_S, Table, positions, shifted
 
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
@@ -82,7 +82,9 @@ def told(
         measured = inverse(true[i]) @ true[j]
         measured[:3, 3] += rng.normal(0, 0.003, 3)
         edges.append(Edge(i, j, measured, np.eye(6), 100))
-    own = Placement(pose(rotation_from_vector(np.ones(3)), np.ones(3)) @ true, np.zeros(count, int))
+    own = Placement(
+        rigid_transform(rotation_from_vector(np.ones(3)), np.ones(3)) @ true, np.zeros(count, int)
+    )
     given = change(table(course, lasts_s, seed))
     given = given if isinstance(given, Trajectory) else given.read(mount)
     survey = SimpleNamespace(index=index)

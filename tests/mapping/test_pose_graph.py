@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.track.pose_graph import available, solve
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
@@ -34,7 +34,7 @@ def test_false_loops_are_told_from_the_drift_of_a_long_dive() -> None:
     edges = []
     for number, (i, j, loop) in enumerate(ends):
         false_m = rng.normal(0, 3, 3) if number in false_numbers else np.zeros(3)
-        error = pose(
+        error = rigid_transform(
             rotation_from_vector(rng.normal(0, STD_RAD, 3)), rng.normal(0, STD_M, 3) + false_m
         )
         edges.append(Edge(i, j, inverse(T[i]) @ T[j] @ error, covariance, 100, loop))

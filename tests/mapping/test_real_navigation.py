@@ -15,8 +15,8 @@ import pytest
 from conftest import SampleRun
 from test_mapping_navigation import Poses, noisy, north_east_down, positions, w_first
 
+from calibration.transforms import inverse, rotation_from_vector
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place

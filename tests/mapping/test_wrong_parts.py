@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
@@ -23,7 +23,7 @@ def track() -> Poses:
     along = 0.8 * np.arange(FRAMES)
     R = rotation_from_vector(np.stack([0 * along, 0 * along, 0.4 * np.sin(along / 3)], axis=1))
     places = np.stack([along, 2 * np.sin(along / 3), 0 * along], axis=1)
-    return np.stack([pose(*one) for one in zip(R, places, strict=True)])
+    return np.stack([rigid_transform(*one) for one in zip(R, places, strict=True)])
 
 
 def parts(change: Callable[[Poses], None], turned: bool = False) -> list[str]:
@@ -88,7 +88,5 @@ def single_fix(T: Poses) -> None:
 @pytest.mark.parametrize(
     "change", [noisy(0.0), noisy(0.5), jump, away_for_a_while, single_fix, backwards(0, 29)]
 )
-def test_noise_jumps_single_fixes_and_whole_tracks_are_not(
-    change: Callable[[Poses], None],
-) -> None:
+def test_noise_jumps_single_fixes_and_whole_tracks_are_not(change: Callable[[Poses], None]) -> None:
     assert parts(change) == []

@@ -278,10 +278,7 @@ def test_rectified_images_are_those_of_opencv(depth):
 @pytest.mark.slow
 def test_a_frame_through_all_stages_is_that_of_the_compiled_pipeline(torch_stages):
     rig = load_rig(str(REEF / "cam.yaml"))
-    in_torch, compiled_stages = (
-        Pipeline(rig),
-        Pipeline(rig, load_config(None, ["device=cpu"])),
-    )
+    in_torch, compiled_stages = (Pipeline(rig), Pipeline(rig, load_config(None, ["device=cpu"])))
     assert isinstance(in_torch.matcher._full, DeviceMatcher)
     assert isinstance(in_torch.corrector, DeviceCorrector)
     assert type(compiled_stages.corrector) is Corrector

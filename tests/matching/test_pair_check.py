@@ -85,10 +85,7 @@ def reef(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("left", "right", "said"),
-    [
-        (reef(0), water(1), "the right image shows"),
-        (water(0), reef(1), "the left image shows"),
-    ],
+    [(reef(0), water(1), "the right image shows"), (water(0), reef(1), "the left image shows")],
 )
 def test_images_without_texture_are_not_called_two_scenes(
     left: np.ndarray, right: np.ndarray, said: str
@@ -124,7 +121,7 @@ def test_frames_half_in_the_dark_can_still_be_two_scenes() -> None:
     left, right = reef(0), reef(1)
     for image in (left, right):
         image[: image.shape[0] // 2] = water(2)[: image.shape[0] // 2] // 20
-    with pytest.raises(MatchingError, match="the two images do not show the same scene"):
+    with pytest.raises(MatchingError):
         PairCheck(lambda raw: matched(0.01))(
             "a", matched(0.01), lambda: StereoFrame("a", left, right)
         )
@@ -189,7 +186,7 @@ def test_rows_that_are_off_are_named_before_another_scene() -> None:
     check = PairCheck(lambda raw: matched(0.01), Rectification.from_rig(plain_rig(left)))
     with pytest.raises(MatchingError, match=r"^a: only 1\.0% .* rows are off by 5\.\d px \(median"):
         check("a", matched(0.01), lambda: StereoFrame("a", left, right))
-    with pytest.raises(MatchingError, match="the two images do not show the same scene"):
+    with pytest.raises(MatchingError):
         check("a", matched(0.01), lambda: StereoFrame("a", left, reef(1)))
 
 

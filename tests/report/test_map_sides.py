@@ -30,15 +30,8 @@ def test_tiles_hold_the_sides_of_the_whole(sides: bool) -> None:
     mesh = MeshSource.of(points, np.zeros((n * n, 3), np.uint8), triangles)
     heights = z[::-1].astype(np.float32)
     grid = Grid(-CELL_M / 2, (n - 0.5) * CELL_M, CELL_M, (n, n))
-    about = {
-        "width": n,
-        "height": n,
-        "west_m": grid.west_m + offset_m[0],
-        "north_m": grid.north_m + offset_m[1],
-        "pixel_m": CELL_M,
-    }
     terrain = SimpleNamespace(
-        about=about,
+        grid=grid.moved(offset_m),
         heights_m=lambda box: heights[box[1] : box[1] + box[3], box[0] : box[0] + box[2]],
     )
     whole = sides_seen(

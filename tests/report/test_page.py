@@ -414,7 +414,7 @@ def test_an_edited_page_is_kept_aside(out: Path) -> None:
 def test_files_of_others_where_the_page_goes_are_refused(out: Path, name: str) -> None:
     (out / name).parent.mkdir(parents=True, exist_ok=True)
     (out / name).write_text("field notes")
-    with pytest.raises(OutputError, match=r"was not written by this program.*nothing was changed"):
+    with pytest.raises(OutputError):
         report(out)
     assert (out / name).read_text() == "field notes"
     assert not (out / "page/dive.js").exists()
@@ -583,9 +583,7 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
 
 
 @pytest.mark.parametrize("std_at_1_m", [1e-5, 0.002, 0.02])
-def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(
-    std_at_1_m: float,
-) -> None:
+def test_coded_ranges_are_off_by_a_third_of_their_standard_error_at_most(std_at_1_m: float) -> None:
     rng = np.random.default_rng(1)
     range_m = rng.uniform(0.5, 20, (61, 83)).astype(np.float32)
     codes, step_per_m = range_codes(range_m, np.float32(std_at_1_m) * range_m**2)

@@ -30,15 +30,9 @@ class DrawnTerrain:
     width: int
 
     @property
-    def about(self) -> dict[str, Any]:
+    def grid(self) -> Grid:
         """As of dem.tif."""
-        return {
-            "width": self.width,
-            "height": self.height,
-            "west_m": -0.5,
-            "north_m": 0.5,
-            "pixel_m": CELL_M,
-        }
+        return Grid(-0.5, 0.5, CELL_M, (self.height, self.width))
 
     def heights_m(self, box: tuple[int, int, int, int]) -> NDArray[np.float32]:
         """(h, w) of a box (left, top, width, height)."""

@@ -19,12 +19,7 @@ from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import deflate, png
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import (
-    encode_confidence,
-    encode_image,
-    encode_map,
-    rounded,
-)
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, rounded
 from stereo_seecolor.files.image_headers import EXIF_PREFIX
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, StereoRig
-from calibration.geometry import rigid
+from calibration.transforms import rigid_transform
 
 SIZE = (640, 480)
 # class of array, type of element
@@ -30,7 +30,7 @@ def small_rig() -> StereoRig:
         K + np.diag([3.0, 2.0, 0.0]), np.array([-0.11, 0.03, -0.0007, 0.0002, 0.001]), SIZE
     )
     R = Rotation.from_rotvec([0.004, -0.02, 0.01]).as_matrix()
-    return StereoRig(left, right, rigid(R, np.array([-0.1, 0.002, 0.003])))
+    return StereoRig(left, right, rigid_transform(R, np.array([-0.1, 0.002, 0.003])))
 
 
 def camera_fields(camera: Camera, unit: str, modern: bool) -> dict[str, Any]:

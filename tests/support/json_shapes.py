@@ -154,7 +154,7 @@ SHAPES: dict[str, Shape] = {
                     **keys(UNKNOWN, "remaining_s run_remaining_s"),
                 },
             }
-        ],
+        ]
     },
     "inspect": {
         "sides": {"left": str, "right": str, "guessed": bool, "others": [str]},

@@ -10,8 +10,8 @@ from mapping_scene import ReefFrames
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import inverse
 from stereo_seecolor.extras.synthetic.reef_light import LAMP_BEAM_EXPONENT, LAMPS_M, lamp_pattern
-from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry

@@ -28,9 +28,7 @@ PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"(dp0\n")
 
 
 def is_binary(path: Path) -> bool:
-    """Tell whether the file begins as one of these formats do. Raises OSError if it cannot be
-    read.
-    """
+    """Whether the file begins as one of these formats do. Raises OSError if it cannot be read."""
     with path.open("rb") as file:
         start = file.read(HEADER_BYTES)
     return start.startswith(PICKLES) or _array_reader(start) is not None

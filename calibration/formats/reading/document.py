@@ -186,9 +186,7 @@ def _parse_notations(text: str) -> Any:
 
 
 def _with_numbers(value: Any, inside: bool = False) -> Any:
-    """The content with numbers where text holds nothing else: ``"500 0 322"``, ``"0,5"`` in a
-    list.
-    """
+    """The content with numbers where text holds only these: ``"500 0 322"``, ``"0,5"``."""
     if isinstance(value, dict):
         return {key: _with_numbers(inner) for key, inner in value.items()}
     if isinstance(value, list):
@@ -201,9 +199,7 @@ def _with_numbers(value: Any, inside: bool = False) -> Any:
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """PyYAML's safe loader, in C where it can be; knows OpenCV's matrices and refuses keys given
-    twice.
-    """
+    """PyYAML's safe loader, in C if possible; knows OpenCV's matrices, refuses double keys."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)

@@ -41,9 +41,7 @@ class Parts:
     doubts: tuple[str, ...] = ()
 
     def get(self, role: Role, side: Side = "") -> Leaf | None:
-        """The leaf of a role, where there are more one that is named so, the outermost; None
-        without one.
-        """
+        """The leaf of a role, of several the outermost; None without one."""
         return min(
             self.table.get((role, side), []),
             key=lambda leaf: (not _is_named(role, leaf), len(leaf.path)),

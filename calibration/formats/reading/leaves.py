@@ -24,7 +24,7 @@ from calibration.formats.reading.aliases import (
     words_for,
 )
 from calibration.formats.reading.section import flat
-from calibration.geometry import rotation_of_quaternion
+from calibration.transforms import rotation_from_quaternion
 
 Numbers = NDArray[np.float64]
 MAX_NUMBERS = 16
@@ -244,7 +244,7 @@ def _of_numbers(own: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
         ),
         None,
     ):
-        yield "R", rotation_of_quaternion(np.array([own[name] for name in turn])).ravel().tolist()
+        yield "R", rotation_from_quaternion(np.array([own[name] for name in turn])).ravel().tolist()
     for key, three in (
         ("T", ("tx", "ty", "tz")),
         ("R", ("rx", "ry", "rz")),

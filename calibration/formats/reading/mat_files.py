@@ -55,9 +55,7 @@ class Opaque:
 
 
 class Mat5Reader:
-    """Reads elements of one buffer. order: "<" or ">". most_bytes: of a variable that is stored
-    deflated.
-    """
+    """Reads elements of a buffer. order: "<" or ">". most_bytes: of a deflated variable."""
 
     def __init__(self, data: bytes, order: str, most_bytes: int = MAX_INFLATED_BYTES) -> None:
         self._data, self._order, self._most_bytes = data, order, most_bytes

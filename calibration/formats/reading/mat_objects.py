@@ -35,9 +35,7 @@ def subsystem_cells(raw: bytes) -> Sequence[Any]:
 
 @dataclass(frozen=True)
 class ObjectTable:
-    """The objects of a subsystem. names: of properties and classes; objects: (n, 6); cells: the
-    values.
-    """
+    """The objects of a subsystem. names: of properties and classes; objects: (n, 6)."""
 
     names: list[str]
     objects: Words

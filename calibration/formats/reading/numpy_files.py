@@ -33,9 +33,7 @@ DAMAGED = (
 
 @contextmanager
 def damage_named(kinds: tuple[type[Exception], ...] = DAMAGED) -> Iterator[None]:
-    """Raise CalibrationError for what libraries raise of damaged files: NumPy and zipfile these
-    kinds.
-    """
+    """Raise CalibrationError for what NumPy and zipfile raise of damaged files."""
     try:
         yield
     except CalibrationError:

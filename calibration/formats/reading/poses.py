@@ -17,8 +17,8 @@ from calibration.formats.reading.leaves import Leaf, texts, words
 from calibration.formats.reading.section import Section
 from calibration.formats.reading.units import to_meters
 from calibration.formats.ros import transform_of_projections
-from calibration.geometry import inverse_transform, rigid, rotation_of_quaternion
 from calibration.rig import MAX_BASELINE_M
+from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 
 Array = NDArray[np.float64]
 LEAST_MM = 20.0
@@ -92,7 +92,7 @@ def _poses(where: str, parts: Parts) -> Iterator[Pose]:
     R, T, transform = (_one(parts, role) for role in ("R", "T", "pose"))
     between: list[tuple[bool, Pose]] = []
     if R and T:
-        matrix = rigid(_rotation(where, R[0]), T[0].finite(where))
+        matrix = rigid_transform(_rotation(where, R[0]), T[0].finite(where))
         pose = _with_sense(Pose(_name(T[0]), matrix, T[1] != ""), T[1])
         between.append((_is_between(*T), pose))
     if transform:
@@ -124,18 +124,16 @@ def _is_between(leaf: Leaf, side: Side) -> bool:
 
 
 def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:
-    """By the poses of both cameras: R and T, or a matrix, into them; of a body or a place, from
-    them.
-    """
+    """By the poses of both cameras: R and T, or a matrix, into them or from them."""
     Rs, Ts, places = parts.pair("R"), parts.pair("T"), parts.pair("place")
     rotations = [_rotation(where, R) for R in Rs] if Rs and (Ts or places) else []
     if rotations and Ts:
-        into = [rigid(R, T.finite(where)) for R, T in zip(rotations, Ts, strict=True)]
+        into = [rigid_transform(R, T.finite(where)) for R, T in zip(rotations, Ts, strict=True)]
         yield Pose(_name(Ts[1]), _between(into), True)
     if rotations and places:
         centers = [place.finite(where) for place in places]
         both = [
-            _between([inverse_transform(rigid(R, c)) for R, c in zip(turns, centers, strict=True)])
+            _between([inverse(rigid_transform(R, c)) for R, c in zip(turns, centers, strict=True)])
             for turns in (rotations, [R.T for R in rotations])
         ]
         yield Pose(_name(places[1]), both[0], other=both[1])
@@ -143,14 +141,14 @@ def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:
     for role, is_into in transforms:
         if pair := parts.pair(role):
             own = [_square(where, leaf) for leaf in pair]
-            readings = [_between(own), _between(list(map(inverse_transform, own)))]
+            readings = [_between(own), _between(list(map(inverse, own)))]
             T, other = readings if is_into else readings[::-1]
             yield Pose(_name(pair[1]), T, other=other, is_into=is_into)
 
 
 def _between(into: list[Array]) -> Array:
     """The transform from left to right axes, of transforms into both cameras."""
-    return np.asarray(into[1] @ inverse_transform(into[0]))
+    return np.asarray(into[1] @ inverse(into[0]))
 
 
 def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
@@ -168,13 +166,11 @@ def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
 
 
 def _with_sense(pose: Pose, side: Side) -> Pose:
-    return Pose(pose.key, inverse_transform(pose.T), pose.is_open) if side == "reversed" else pose
+    return Pose(pose.key, inverse(pose.T), pose.is_open) if side == "reversed" else pose
 
 
 def _rotation(where: str, leaf: Leaf) -> Array:
-    """(3, 3) of a matrix or a rotation vector; the nearest rotation where the file has rounded
-    it.
-    """
+    """(3, 3) of a matrix or a rotation vector; the nearest rotation where it was rounded."""
     numbers = leaf.finite(where)
     if numbers.size == 4:
         return _of_quaternion(leaf)
@@ -193,19 +189,17 @@ def _rotation(where: str, leaf: Leaf) -> Array:
 
 
 def _of_quaternion(leaf: Leaf) -> Array:
-    """w first where a word says so or, as cameras of a rig are turned little, where that is the
-    largest.
-    """
+    """w first where a word says so or, as cameras are turned little, where it is largest."""
     said = {word for key in leaf.path for word in words(key)}
     numbers = leaf.numbers / np.linalg.norm(leaf.numbers)
     first = "wxyz" in said or ("xyzw" not in said and abs(numbers[0]) > abs(numbers[3]))
-    return rotation_of_quaternion(np.roll(numbers, -1) if first else numbers)
+    return rotation_from_quaternion(np.roll(numbers, -1) if first else numbers)
 
 
 def _square(where: str, leaf: Leaf) -> Array:
     numbers = as_transform(leaf.finite(where))
     assert numbers is not None  # its role says so
-    return rigid(_rotation(where, Leaf(leaf.path, numbers[:, :3].ravel())), numbers[:, 3])
+    return rigid_transform(_rotation(where, Leaf(leaf.path, numbers[:, :3].ravel())), numbers[:, 3])
 
 
 def _in_meters(document: Section, pose: Pose, parts: Parts) -> Pose:
@@ -223,8 +217,10 @@ def _in_meters(document: Section, pose: Pose, parts: Parts) -> Pose:
     shift, doubts = to_meters(pose.T[:3, 3], stated)
     other = pose.other
     if other is not None:
-        other = rigid(other[:3, :3], other[:3, 3] * (float(np.linalg.norm(shift)) / length))
-    return replace(pose, T=rigid(pose.T[:3, :3], shift), doubts=doubts, other=other)
+        other = rigid_transform(
+            other[:3, :3], other[:3, 3] * (float(np.linalg.norm(shift)) / length)
+        )
+    return replace(pose, T=rigid_transform(pose.T[:3, :3], shift), doubts=doubts, other=other)
 
 
 def _stated_unit(document: Section) -> str | None:

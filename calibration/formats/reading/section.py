@@ -15,9 +15,7 @@ from calibration.errors import CalibrationError
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Put ``where`` (a file, a key) before the message of a CalibrationError that does not name it
-    yet.
-    """
+    """Put ``where`` (a file, a key) before the message of a CalibrationError without it."""
     try:
         yield
     except CalibrationError as error:
@@ -28,9 +26,7 @@ def naming(where: str) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A mapping in a calibration file. where: the file and the keys that lead here, for
-    messages.
-    """
+    """A mapping in a calibration file. where: the file and the keys to it, for messages."""
 
     where: str
     content: Mapping[str, Any]
@@ -52,9 +48,7 @@ class Section:
             return 0
 
     def first(self, *keys: str) -> str:
-        """The first of these names that the file uses for one thing; CalibrationError if it uses
-        none.
-        """
+        """The first of these names that the file uses; CalibrationError if it uses none."""
         for key in keys:
             if key in self.content:
                 return key

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.formats.reading.aliases import METERS
-from calibration.geometry import rigid
 from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M, Camera, StereoRig
+from calibration.transforms import rigid_transform
 
 GUESSES = (
     ("meters", 1.0, 0.0),
@@ -51,7 +51,7 @@ def rig_in_meters(
 ) -> StereoRig:
     """The rig of a transform (4, 4) whose translation is in the file's unit, with its doubts."""
     shift, doubts = to_meters(T[:3, 3], stated)
-    return StereoRig(left, right, rigid(T[:3, :3], shift), doubts=doubts, reading=reading)
+    return StereoRig(left, right, rigid_transform(T[:3, :3], shift), doubts=doubts, reading=reading)
 
 
 def _possible(baseline_m: float) -> bool:

@@ -146,9 +146,7 @@ def backscatter(raw: Tensor, z: Tensor, final_sigmoid: bool = False) -> Tensor:
 
 
 def attenuation(raw: Tensor, z: Tensor) -> Tensor:
-    """Compute the attenuation network (fig. attenuation-net): (3, L), of (4, 3, 1) at (L,)
-    ranges.
-    """
+    """The attenuation network (fig. attenuation-net): (3, L), of (4, 3, 1) at (L,) ranges."""
     return cast(Tensor, physics.attenuation(z, *softplus(raw)).clamp(min=LEAST_TRANSMISSION))
 
 
@@ -159,9 +157,7 @@ def _values(raw: Tensor, final_sigmoid: bool) -> tuple[Tensor, ...]:
 
 
 def raw_weights(names: tuple[str, ...], water: Water | None) -> Tensor:
-    """Convert parameters of a water, or of COLD, to weights before sigmoid or softplus: (4, 3,
-    1).
-    """
+    """Convert parameters of a water, or COLD, to weights before sigmoid or softplus: (4, 3, 1)."""
 
     def raw(name: str) -> NDArray[np.float64]:
         value = np.full(3, COLD[name]) if water is None else getattr(water, name)

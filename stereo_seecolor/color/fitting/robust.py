@@ -283,9 +283,7 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
 
 
 def parameters(water: Water, scale: float) -> Vector:
-    """Return (15,) logarithms of water parameters, in the order of ``x``, light divided by
-    ``scale``.
-    """
+    """(15,) logarithms of water parameters, in the order of ``x``, light divided by ``scale``."""
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     far, *rest = map(np.log, (water.y, water.beta, backscatter, water.white / scale))
     return np.concatenate([far, np.log1p(ratio), *rest], dtype=np.float64)

@@ -304,9 +304,7 @@ def _solved(matrix: Tensor, vector: Tensor) -> Tensor:
 
 
 def _excess(x: Tensor) -> tuple[Tensor, Tensor]:
-    """Attenuation far and near (N, 2, 3), and green's excess over blue's (N, 2), in standard
-    deviations.
-    """
+    """Attenuation far and near (N, 2, 3), green's excess over blue's (N, 2), in deviations."""
     rates = torch.stack([x[:, :3], x[:, :3] + x[:, 3:6]], 1).exp() / NOISE.rate
     return rates, (rates[:, :, 1] - rates[:, :, 2] - NOISE.green_over_blue / NOISE.rate).clamp(
         min=0

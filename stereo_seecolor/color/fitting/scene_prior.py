@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.scene_colors import sea_floor
-from stereo_seecolor.color.fitting.water_prior import (
-    WATER,
-    Vector,
-    water_prior,
-)
+from stereo_seecolor.color.fitting.water_prior import WATER, Vector, water_prior
 from stereo_seecolor.config import RobustConfig
 
 Matrix = NDArray[np.float64]
@@ -76,9 +72,7 @@ covariance stays invertible; of its brightness a factor of 7, because exposure i
 
 @lru_cache(maxsize=64)
 def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Matrix]:
-    """Compute mean and precision of all parameters, and the (15, 15) covariance of the water
-    parameters.
-    """
+    """Mean and precision of all parameters; covariance (15, 15) of the water parameters."""
     number = len(SCENE.reflectance)
     size = WATER + 3 * number + groups
     content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)

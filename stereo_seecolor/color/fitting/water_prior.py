@@ -175,9 +175,7 @@ def random_camera(draw: Vector) -> NDArray[np.float64]:
 
 
 def low_discrepancy(number: int, dimensions: int) -> NDArray[np.float64]:
-    """Compute (number, dimensions) points that fill the unit cube uniformly (Kronecker's
-    sequence).
-    """
+    """(number, dimensions) points that fill the unit cube uniformly (Kronecker's sequence)."""
     ratio = 1.5
     for _ in range(40):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))

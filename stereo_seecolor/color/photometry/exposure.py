@@ -51,9 +51,7 @@ class Brightness:
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """The ratio of brightness to the reference, mean over common range bins; 1 without
-        any.
-        """
+        """The ratio of brightness to the reference, mean over common range bins; 1 without any."""
         both = (self.light > 0) & (reference.light > 0)
         if not both.any():
             return 1.0
@@ -65,9 +63,7 @@ class Brightness:
 
 
 def shorten_exposure(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
-    """Convert a table to a ``factor`` times shorter exposure: pixels move to the nearest value
-    bin.
-    """
+    """Convert a table to a ``factor`` times shorter exposure, in the nearest value bins."""
     light = decoded_bins(table.bit_depth, encoding)
     nearest = np.searchsorted(0.5 * (light[1:] + light[:-1]), light / factor)
     counts = np.zeros_like(table.counts)

@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import low_discrepancy
-from stereo_seecolor.color.photometry.light_model import (
-    PATTERN,
-    SHAPE,
-    TERMS,
-    pattern_terms,
-)
+from stereo_seecolor.color.photometry.light_model import PATTERN, SHAPE, TERMS, pattern_terms
 
 Array = NDArray[np.float64]
 

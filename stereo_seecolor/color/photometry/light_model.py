@@ -62,9 +62,7 @@ SHADING = 5
 
 @dataclass(frozen=True, eq=False)
 class ByFrame(Mapping[str, Array]):
-    """Mapping from the name of a frame to (K,) numbers. numbers: (F, K) for all ``names``, NaN =
-    none.
-    """
+    """Numbers (K,) by the name of a frame. numbers: (F, K) for all ``names``, NaN = none."""
 
     names: Names = field(default_factory=Names)
     numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
@@ -139,9 +137,7 @@ class Light:
         return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size), shading)
 
     def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
-        """(N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,)
-        ranges.
-        """
+        """(N, 3) at (N, 2) pixels x, y of an image of ``size`` (width, height), at (N,) ranges."""
         terms = pattern_terms(pixel, self.log_range(range_m), size)
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 

@@ -198,9 +198,7 @@ def solve_frames(
 
 
 def offset_between(parts: Parts, known: Array) -> float:
-    """The rms of luminance between frames on patches left out, with (F,) known gains
-    subtracted.
-    """
+    """The rms of luminance between frames on patches left out, with (F,) known gains subtracted."""
     found = _Solution(known[None, :, None], np.zeros((1, 2)))
     return _offset(parts[parts["held"]], found, _OUTPUTS[0])
 

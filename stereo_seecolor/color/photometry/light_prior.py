@@ -7,12 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.lamp_prior import CORNER, SIZE, lamp_ensemble, unexplained
-from stereo_seecolor.color.photometry.light_model import (
-    PATTERN,
-    POWERS,
-    SHADING,
-    TERMS,
-)
+from stereo_seecolor.color.photometry.light_model import PATTERN, POWERS, SHADING, TERMS
 
 Array = NDArray[np.float64]
 

@@ -123,10 +123,7 @@ class Solution:
 
 
 def window_of(
-    seen: Observations,
-    usable: NDArray[np.bool_],
-    light: Light,
-    size: tuple[int, int],
+    seen: Observations, usable: NDArray[np.bool_], light: Light, size: tuple[int, int]
 ) -> Window:
     """Make the window of the logarithms of the usable (N,) observations of patches that two frames
     or more show.

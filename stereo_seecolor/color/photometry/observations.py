@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import transform_points
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Image, Map
 
 Vector = NDArray[np.float64]
@@ -82,9 +82,7 @@ class Observations:
 def observations_of(
     points_m: Vector, views: "Iterable[PhotometricView]", frames: Sequence[int]
 ) -> Observations:
-    """Find observations of (P, 3) patches in the views of these frames; each patch has at least
-    two.
-    """
+    """Find observations of (P, 3) patches in the views of these frames; two or more each."""
     seen = [view.look_at(points_m) for view in views]
     patch, range_m, light, pixel = map(np.concatenate, zip(*seen, strict=True))
     seen_by = np.repeat(np.arange(len(seen)), [len(patches) for patches, *_ in seen])
@@ -120,9 +118,7 @@ class PhotometricView:
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
     def patches_m(self, number: int) -> Vector:
-        """Choose about ``number`` points in the world (P, 3), on a grid over pixels with a
-        range.
-        """
+        """Choose about ``number`` points in the world (P, 3), on a grid of pixels with range."""
         height, width = self.smooth_range_m.shape
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
@@ -132,9 +128,7 @@ class PhotometricView:
         return transform_points(self.T_world_camera, points)
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
-        """Return numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the visible
-        patches.
-        """
+        """Numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2) of the visible patches."""
         farthest_m = float(np.fmax.reduce(self.smooth_range_m, axis=None, initial=0.0))
         away_m = points_m - self.T_world_camera[:3, 3]
         near = np.flatnonzero(
@@ -142,9 +136,8 @@ class PhotometricView:
         )
         local = away_m[near] @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px
-            y = self.geometry.focal_px * local[:, 1] / local[:, 2] + self.geometry.cy_px
+        x, y = self.geometry.project(local).T
+        with np.errstate(divide="ignore"):
             half_px = 0.5 * SETTINGS.patch_m * self.geometry.focal_px / local[:, 2]
         height, width = self.smooth_range_m.shape
         inside = (local[:, 2] > SETTINGS.nearest_m) & (x - half_px > 0) & (y - half_px > 0)

@@ -73,8 +73,8 @@ def corrected(
     tone: Tone,
     config: ColorConfig,
 ) -> Correction:
-    """Make the correction of an image from its corrected pixels. bright: see ``brighter``. clipped:
-    fraction of clipped pixels.
+    """The correction of an image from its corrected pixels. bright: see ``brighter``. clipped:
+    fraction of clipped ones.
     """
     unknown = shown.unknown
     empty = NOTHING_KNOWN if unknown.all() else ""

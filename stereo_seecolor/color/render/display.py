@@ -12,11 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.water_gains import MID_GRAY
-from stereo_seecolor.color.table.encoding import (
-    InputEncoding,
-    decoded_values,
-    encode,
-)
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
 from stereo_seecolor.files import srgb
 
 BRIGHTEST_SHOWN = 0.97

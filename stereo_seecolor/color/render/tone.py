@@ -5,9 +5,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.display import BRIGHTEST_LIGHT, BRIGHTEST_SHOWN, REACH, Tone
 from stereo_seecolor.color.render.water_gains import FINE, fine_ranges_m, unit_exposure_gains
-from stereo_seecolor.color.table.encoding import (
-    decoded_bins,
-)
+from stereo_seecolor.color.table.encoding import decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.files.srgb import LUMINANCE

@@ -24,9 +24,7 @@ PART_PIXELS = 65536
 
 
 class Tensors(NamedTuple):
-    """``Gains`` and ``Display`` on a device; tables by bin have an additional bin for unknown
-    range.
-    """
+    """``Gains`` and ``Display`` on a device; tables have one more bin for unknown range."""
 
     gain: Tensor
     offset: Tensor
@@ -239,9 +237,7 @@ def _mixed(light: Tensor, tensors: Tensors) -> Tensor:
 
 
 def _above_noise(light: Tensor, noise: Tensor) -> Tensor:
-    """Light where it stands out of the noise, and the noise where it does not: equal channels,
-    gray.
-    """
+    """Light where it stands out of the noise, else the noise: equal channels, gray."""
     return 0.5 * (light + (light * light + 4 * noise * noise).sqrt())
 
 

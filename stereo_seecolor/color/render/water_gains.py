@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.encoding import (
-    decoding_slope,
-)
+from stereo_seecolor.color.table.encoding import decoding_slope
 from stereo_seecolor.color.table.range_bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
@@ -52,9 +50,7 @@ class Gains(NamedTuple):
 
 @cache
 def fine_ranges_m() -> NDArray[np.float64]:
-    """Return the (1024,) middle of each fine range bin, meters: 128 per octave from 1/8 m to 32
-    m.
-    """
+    """The (1024,) middle of each fine range bin, meters: 128 per octave from 1/8 m to 32 m."""
     edges = range_edges_m()
     steps = (np.arange(FINE) + 0.5) / FINE
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())

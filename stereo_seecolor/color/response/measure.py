@@ -159,9 +159,7 @@ def _by_noise(images: Sequence[Image], deep: bool) -> MeasuredResponse:
 
 
 def _laws(curve: NoiseCurve) -> tuple[Law, Law] | None:
-    """The law of linear images and the better of the encoded ones; None where the curve tells
-    nothing.
-    """
+    """The law of linear images and the best of encoded ones; None if the curve shows nothing."""
     above = curve.variance > max(1.3 * curve.quantization, 1e-4)
     if above.sum() < LEAST_BINS or curve.whiteness > MOST_WHITENESS:
         return None
@@ -170,9 +168,7 @@ def _laws(curve: NoiseCurve) -> tuple[Law, Law] | None:
 
 
 def _of_frames(
-    encoding: Literal["linear", "srgb"],
-    channels: Sequence[Sequence[Blocks]],
-    quantization: float,
+    encoding: Literal["linear", "srgb"], channels: Sequence[Sequence[Blocks]], quantization: float
 ) -> Response:
     """The response with the pedestal of each channel: the median of the zeros of the frames' own
     lines, or the zero of the line of all, if frames are too small; at most the darkest value.

@@ -54,9 +54,7 @@ def check_pair(image: Image, range_m: Map) -> None:
 
 @compiled
 def position_of(bits: Any) -> Any:
-    """Return the position of a range (float32 bits) from the edge of the first bin; LAST + 1 =
-    unknown.
-    """
+    """The position of a range (float32 bits) from the edge of the first bin; LAST + 1 = unknown."""
     # NaN, infinities, zero and negative numbers are not
     known = (bits > np.int32(0)) & (bits < INFINITY)
     return U(min(max(bits - FIRST, np.int32(0)), np.int32(LAST))) if known else U(LAST + 1)

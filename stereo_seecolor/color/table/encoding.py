@@ -13,9 +13,7 @@ InputEncoding = Literal["srgb", "linear", "as-is"]
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Convert encoded fractions of full scale to linear light; unchanged unless the encoding is
-    srgb.
-    """
+    """Convert encoded fractions of full scale to linear light; only srgb changes them."""
     return srgb.decode_srgb(values) if encoding == "srgb" else values
 
 

@@ -62,26 +62,20 @@ class MomentTable:
 
     @cached_property
     def range_m(self) -> NDArray[np.float64]:
-        """Return the (256,) mean range of the pixels of each bin, meters; the center of an empty
-        bin.
-        """
+        """The (256,) mean range of the pixels of each bin, meters; the center of an empty bin."""
         pixels, edges = self.pixels, range_edges_m()
         offset = np.where(pixels > 0, self.offset_sum / np.maximum(pixels, 1) / 2**LOW_BITS, 0.5)
         return np.asarray(edges[:-1] + offset * np.diff(edges))
 
     @property
     def median_range_m(self) -> float | None:
-        """Return the median range of all pixels, to the width of a bin, meters; None for an empty
-        table.
-        """
+        """The median range of all pixels, to a bin's width, meters; None for an empty table."""
         below = np.cumsum(self.pixels)
         return float(self.range_m[np.searchsorted(below, below[-1] / 2)]) if below[-1] else None
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """Return the (V,) value of each value bin, fraction of full scale, encoded as in the
-        image.
-        """
+        """The (V,) value of each value bin, fraction of full scale, encoded as in the image."""
         return bin_values(self.bit_depth)
 
     def __add__(self, other: "MomentTable") -> "MomentTable":

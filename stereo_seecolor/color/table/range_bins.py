@@ -31,9 +31,7 @@ def range_edges_m() -> NDArray[np.float64]:
 
 
 def bin_values(bit_depth: int) -> NDArray[np.float64]:
-    """Return the fraction of full scale of each value bin (V,): v/255, or the middle of 16
-    neighbors of 65535.
-    """
+    """The fraction of full scale of each value bin (V,): v/255, or of 16 values of 65535."""
     if bit_depth == 8:
         return np.arange(256) / 255.0
     return np.asarray((np.arange(4096) * 16 + 7.5) / 65535.0)

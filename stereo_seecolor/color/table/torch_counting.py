@@ -18,9 +18,7 @@ def positions(bits: Tensor) -> Tensor:
 
 
 def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Compute counts (3, 256, values) and offset sums (256,) of (N, 3) pixels and (N,) bits of
-    ranges.
-    """
+    """Counts (3, 256, values) and offset sums (256,) of pixels (N, 3) and range bits (N,)."""
     position = positions(bits)
     range_bin = position >> LOW_BITS
     channel = torch.arange(3, device=pixels.device, dtype=torch.int32)

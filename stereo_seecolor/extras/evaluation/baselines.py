@@ -38,9 +38,7 @@ def contrast_stretch(image: Array, range_m: Array) -> Array:
 
 
 def gray_world(image: Array, range_m: Array) -> Array:
-    """One gain a channel that makes the mean over pixels with a known range gray (Buchsbaum
-    1980).
-    """
+    """A gain a channel that makes the mean of pixels with range gray (Buchsbaum 1980)."""
     known = np.isfinite(range_m)
     mean = image[known].mean(axis=0)
     return expose(image * (mean.mean() / np.maximum(mean, 1e-6)), known)

@@ -28,9 +28,7 @@ _WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
 
 @dataclass(frozen=True)
 class NeutralScore:
-    """A neutral target: psi_deg in degrees; clipped_fraction of its pixels in [0, 1]; pixels
-    counted.
-    """
+    """A neutral target: psi_deg in degrees; clipped_fraction of its pixels, 0 to 1."""
 
     psi_deg: float
     clipped_fraction: float
@@ -52,9 +50,7 @@ class TruthScore:
 
 
 def gray_angle_deg(pixels: Pixels) -> NDArray[np.float64]:
-    """Angle of each color to gray (the paper's psi), degrees, shape (...); NaN where black or
-    unknown.
-    """
+    """Angle of each color to gray (the paper's psi), degrees, (...); NaN where black."""
     return angle_deg(pixels, np.ones(3))
 
 
@@ -183,9 +179,7 @@ def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
     """
     try:
         # half a second that other commands need not wait for
-        from skimage.color import (
-            deltaE_ciede2000,
-        )
+        from skimage.color import deltaE_ciede2000
     except ImportError as error:
         raise DeviceError(
             f"color differences need scikit-image ({error}): pip install "

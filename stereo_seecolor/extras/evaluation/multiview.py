@@ -98,9 +98,7 @@ STEPS = StepSettings()
 def find_observations(
     frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding
 ) -> Observations:
-    """Find observations of patches that several frames show; frames are read twice, one at a
-    time.
-    """
+    """Find observations of patches that several frames show; frames are read twice."""
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
     points_m = np.concatenate(
         [PhotometricView.of(frame, geometry, None).patches_m(number) for frame in frames]

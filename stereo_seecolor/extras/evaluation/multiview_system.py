@@ -82,9 +82,7 @@ class MultiviewFit:
         scatter: Scatter,
         before: "MultiviewFit | None" = None,
     ) -> "MultiviewFit":
-        """The fit under water parameters, with weights from the fit ``before``; None: there was
-        none.
-        """
+        """The fit under water parameters, with weights from the fit ``before``, if any."""
         direct = np.maximum(
             observations.light - model.backscatter if before is None else before.direct, 0.0
         )

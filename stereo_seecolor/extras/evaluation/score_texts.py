@@ -89,9 +89,7 @@ def charts_text(report: "ChartReport") -> str:
 
 
 def _ranges_text(report: "ChartReport") -> str:
-    """A table of the color difference of the same patch between ranges; "" where it was not
-    measured.
-    """
+    """A table of the color difference of patches between ranges; "" if not measured."""
     if not report.spreads:
         return ""
     columns = ("method", "charts", "range m", "patch angle", "patch luminance")

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from calibration.robust_statistics import deviation
+from calibration.transforms import inverse, transform_points
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.srgb import LUMINANCE
-from stereo_seecolor.geometry import inverse, transform_points
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
@@ -231,8 +231,7 @@ def _same_spots(
     moved = transform_points(
         T_other_this, geometry.points_from_range(range_m)[rows, columns].astype(np.float64)
     )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = (moved @ geometry.P_left.T / moved[:, 2:])[:, :2].T
+    x, y = geometry.project(moved).T
     inside = (
         (moved[:, 2] > 0)
         & (x > edge)

@@ -53,9 +53,7 @@ class ResultFiles:
 
 @dataclass(frozen=True)
 class FrameScore:
-    """Scores of one frame. color, raw_color: of the corrected and the raw image, over the same
-    pixels.
-    """
+    """Scores of one frame. color, raw_color: corrected and raw, over the same pixels."""
 
     name: str
     range: RangeScore
@@ -77,9 +75,7 @@ class TruthReport:
 
 
 def true_frames(truth: Path) -> list[str]:
-    """Names of the frames whose truth the folder holds, sorted. Raises InputError if it holds
-    none.
-    """
+    """Names of the frames whose truth the folder holds, sorted. Raises InputError if none."""
     names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
     if not names:
         raise InputError(
@@ -123,9 +119,7 @@ def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthRepo
 
 
 def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPair) -> RangeScore:
-    """Score of a range map (H, W), NaN where not measured, against truth; visible: what both
-    cameras see.
-    """
+    """Score of a range map (H, W), NaN if unknown, against truth; visible: to both cameras."""
     known = np.isfinite(range_m) & np.isfinite(true_m)
     disparity, true_disparity = (
         geometry.disparity_from_depth(geometry.depth_from_range(z)) for z in (range_m, true_m)

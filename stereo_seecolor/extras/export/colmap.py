@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.transforms import quaternion
 from stereo_seecolor.extras.export.export_format import ExportFormat, join_numbers
 from stereo_seecolor.extras.export.images_of_8_bits import write_images
 from stereo_seecolor.extras.export.observed_points import ObservedPoints, observe
-from stereo_seecolor.geometry import quaternion
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 CENTER_PX = 0.5

@@ -55,9 +55,7 @@ def write(posed: PosedRun, folder: Path) -> None:
 
 
 def windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int, int]]]:
-    """Row, column and (left, top, width, height) of tiles of equal size, as few as the limit
-    allows.
-    """
+    """Row, column and (left, top, width, height) of equal tiles, as few as the limit allows."""
     columns, rows = -(-width // MOST_PX), -(-height // MOST_PX)
     x = np.linspace(0, width, columns + 1).round().astype(int).tolist()
     y = np.linspace(0, height, rows + 1).round().astype(int).tolist()
@@ -69,7 +67,5 @@ def windows(width: int, height: int) -> list[tuple[int, int, tuple[int, int, int
 
 
 FORMAT = ExportFormat(
-    "the orthomosaic in tiles of at most 8000 px, with meters per pixel",
-    "CoralNet, BIIGLE",
-    write,
+    "the orthomosaic in tiles of at most 8000 px, with meters per pixel", "CoralNet, BIIGLE", write
 )

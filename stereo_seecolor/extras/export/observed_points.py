@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.transforms import transform_points
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.layout import CLOUD
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -64,8 +64,7 @@ def _seen(
     """Which of points (P, 3) in the camera's axes a frame sees, and at which pixels."""
     height, width = range_m.shape
     numbers = np.flatnonzero(points[:, 2] > 0)
-    projected = points[numbers] @ geometry.P_left.T
-    pixels = projected[:, :2] / projected[:, 2:]
+    pixels = geometry.project(points[numbers])
     inside = ((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5))).all(axis=1)
     numbers, pixels = numbers[inside], pixels[inside]
     column, row = np.clip(np.round(pixels).astype(np.int64), 0, (width - 1, height - 1)).T

@@ -32,9 +32,7 @@ class SimplifiedSurface(PaintedSurface):
     original: int
 
     def simplify(self, bound_m: float, longest_m: float) -> "SimplifiedSurface":
-        """Simplify further: ``bound_m`` further away at most, no new edge longer than
-        ``longest_m``.
-        """
+        """Simplify further: at most ``bound_m`` away, no new edge longer than ``longest_m``."""
         found = simplify(self.position, self.triangles, bound_m, longest_m)
         return SimplifiedSurface(
             self.position[found.kept],

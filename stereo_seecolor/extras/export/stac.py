@@ -136,9 +136,7 @@ def _times(run: FinishedRun) -> dict[str, str | None]:
 
 
 def _box(made: FinishedMap) -> list[float] | None:
-    """West, south, east, north of the track in degrees; None where the map has no place on
-    Earth.
-    """
+    """West, south, east, north of the track, degrees; None for a map without place on Earth."""
     if made.origin is None or not made.track:
         return None
     origin = made.origin

@@ -35,9 +35,7 @@ def summary(made: Textured, surface: SimplifiedSurface) -> str:
 
 
 def open_surface(posed: PosedRun) -> SimplifiedSurface:
-    """The run's mesh, with as few triangles as the bound allows. Raises InputError if it is
-    empty.
-    """
+    """The run's mesh, with as few triangles as the bound allows. Raises InputError if empty."""
     surface = read_surface(posed)
     if not len(surface.triangles):
         raise InputError(f"{posed.map_folder}: its mesh has no triangles")

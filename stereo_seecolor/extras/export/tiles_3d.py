@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform
 from stereo_seecolor.earth import (
     degrees_from_north_east,
     east_north_up_axes,
@@ -21,7 +22,6 @@ from stereo_seecolor.earth import (
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.extras.export.simplified_surface import SimplifiedSurface, longest_edge_m
 from stereo_seecolor.extras.export.textured import open_surface, painted, summary, write_group
-from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.posed_run import PosedRun
@@ -145,17 +145,20 @@ def _to_earth(posed: PosedRun) -> NDArray[np.float64]:
     """(4, 4) from the map's coordinates to geocentric ones (EPSG:4978), its world's z taken as
     height above the ellipsoid; to the world's, where their place on Earth is not known.
     """
-    shift = pose(np.eye(3), posed.offset_m)
+    shift = rigid_transform(np.eye(3), posed.offset_m)
     if posed.origin is None:
         return shift
     if posed.origin.utm_epsg is None:
         latitude_deg, longitude_deg = posed.origin.latitude_deg, posed.origin.longitude_deg
         axes = east_north_up_axes(latitude_deg, longitude_deg)
         return np.asarray(
-            pose(axes.T, geocentric_from_geodetic(latitude_deg, longitude_deg, 0.0)) @ shift
+            rigid_transform(axes.T, geocentric_from_geodetic(latitude_deg, longitude_deg, 0.0))
+            @ shift
         )
     here, *axes_ends = (_geocentric(point, posed.origin) for point in posed.offset_m + NEAR_M)
-    return pose(np.stack([(end - here) / NEAR_M.max() for end in axes_ends], axis=-1), here)
+    return rigid_transform(
+        np.stack([(end - here) / NEAR_M.max() for end in axes_ends], axis=-1), here
+    )
 
 
 def _geocentric(point_m: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.float64]:

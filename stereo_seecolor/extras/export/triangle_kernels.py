@@ -10,9 +10,7 @@ BOUNDARY_WEIGHT = 10.0
 
 @compiled
 def point_triangle_distance2(p, a, b, c):  # type: ignore[no-untyped-def]
-    """Compute the squared distance of a point to a triangle (Ericson, Real-Time Collision
-    Detection, 5.1.5).
-    """
+    """The squared distance of a point to a triangle (Ericson, Real-Time Collision Detection)."""
     abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     apx, apy, apz = p[0] - a[0], p[1] - a[1], p[2] - a[2]

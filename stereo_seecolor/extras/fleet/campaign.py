@@ -263,9 +263,7 @@ class _SiteWaters:
 def _process(
     plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunOptions
 ) -> DiveState:
-    """Run a dive, and make its map where one is asked for; returns the outcome, also of one that
-    failed.
-    """
+    """Run a dive, and its map where asked for; returns the outcome, also of a failed one."""
     start_s, out = time.monotonic(), plan.out(dive)
     log.info("%s: begins", dive.name)
     state, mapped = DiveState(dive.name, "failed", out=str(out)), bool(dive.fuse or dive.poses)

@@ -13,11 +13,7 @@ from stereo_seecolor.commands.run_session import KIND, folder_request, run_sessi
 from stereo_seecolor.commands.stereo_inputs import DiveInputs, Opened, StereoInputs
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.dive_run import DiveRun
-from stereo_seecolor.dive.passes import (
-    NO_LIGHT,
-    fit_waters,
-    measure_ranges,
-)
+from stereo_seecolor.dive.passes import NO_LIGHT, fit_waters, measure_ranges
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.fleet.shard_part import Part
@@ -213,9 +209,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
 
 
 def _pairs(parts: Sequence[Part]) -> list[Pair]:
-    """Every pair of the parts, once. Raises InputError where two parts have different images of one
-    name.
-    """
+    """Every pair of the parts, once. Raises InputError if parts share an image's name."""
     pairs: dict[str, Pair] = {}
     seen: dict[str, tuple[Part, tuple[str, str]]] = {}
     for part in parts:

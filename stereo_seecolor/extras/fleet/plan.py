@@ -104,9 +104,7 @@ def plan(
 
 @dataclass(frozen=True)
 class _Measured:
-    """What some pairs of a dive took. pass_seconds, stage_seconds: name -> processor time a
-    pair.
-    """
+    """What some pairs of a dive took. pass_seconds, stage_seconds: processor time a pair."""
 
     pairs: int
     pass_seconds: dict[str, float]
@@ -116,9 +114,7 @@ class _Measured:
 
 
 def _measured(inputs: StereoInputs, opened: Opened, pairs: Sequence[Pair]) -> _Measured:
-    """Run these pairs into a temporary folder. Raises InputError where none of them goes
-    through.
-    """
+    """Run these pairs into a temporary folder. Raises InputError if none goes through."""
     with tempfile.TemporaryDirectory(prefix="stereo-seecolor-plan-") as folder:
         warm = _run(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", PassClock())
         start_s = time.process_time()

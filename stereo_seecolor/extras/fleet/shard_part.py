@@ -10,11 +10,7 @@ from calibration.errors import counted
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import FrameRow, Numbers, Water
-from stereo_seecolor.run_folder.finished_run import (
-    FinishedRun,
-    geometry_of,
-    open_run,
-)
+from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
 from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
@@ -53,9 +49,7 @@ class Part:
 
     @cached_property
     def shard(self) -> Shard | None:
-        """The shard of the dive that was run; None where the run was of all pairs that it was
-        given.
-        """
+        """The shard of the dive that was run; None if the run was of all pairs."""
         kind = Manifest(self.root).dive().identity.get("kind", "")
         return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
 

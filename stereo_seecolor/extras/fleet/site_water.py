@@ -11,10 +11,7 @@ from stereo_seecolor.color.photometry.survey import Fitter
 from stereo_seecolor.commands.run_session import stereo_run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.dive.passes import (
-    count_frames,
-    measure_ranges,
-)
+from stereo_seecolor.dive.passes import count_frames, measure_ranges
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.extras.fleet.campaign_files import write_own

@@ -50,9 +50,7 @@ def _end(run: "RunStatus") -> str:
 
 
 def _run_end(run: "RunStatus") -> str:
-    """The expected end of an active run, and the parts that the estimate leaves out; "" for other
-    runs.
-    """
+    """The expected end of an active run, and what the estimate leaves out; else ""."""
     if run.state != "running":
         return ""
     then = f"then {', '.join(run.to_come)}; " if run.to_come else ""

@@ -92,9 +92,7 @@ def measure_outlines(
         return np.array([height_above(own, inside) for own, inside in parts])
 
     grid = terrain.grid
-    ground = Ground(
-        terrain.height_m.astype(np.float32), grid.west_m, grid.north_m, grid.cell_m, height_std_m
-    )
+    ground = Ground(terrain.height_m.astype(np.float32), grid, height_std_m)
     mesh_m2 = mesh.area_over(grid)
     sides = sides_seen(terrain.height_m, mesh_m2, grid.cell_m, ground.gap_m)
     ground = replace(ground, sides=sides)

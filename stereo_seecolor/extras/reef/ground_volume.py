@@ -33,7 +33,7 @@ def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) ->
 
     correlation_m: distance over which errors of heights are alike.
     """
-    outline = np.array([ground.cell(*spot.point_m[:2]) for spot in spots])
+    outline = ground.grid.pixels(np.array([spot.point_m for spot in spots]))
     corner = np.floor(outline.min(axis=0)).astype(int) - RIM_CELLS - 1
     width, height = np.ceil(outline.max(axis=0)).astype(int) + RIM_CELLS + 2 - corner
     left, top = corner.tolist()
@@ -56,15 +56,15 @@ def volume_of(
     rim, known = rim_of(heights, own), own & np.isfinite(heights)
     if rim.sum() < FEWEST_RIM_CELLS or not known.any():
         return None
-    volume_l = above_rim(heights, own, rim, ground.cell_m)[1]
+    volume_l = above_rim(heights, own, rim, ground.grid.cell_m)[1]
     if not volume_l > 0:
         return None
     above = (heights - rim_plane(heights, rim))[known]
     open_sides = _open_sides(heights, own, ground.sides_in(*window), ground.gap_m)
     stds = (
-        ground.std_m * _gain_l(own, known, rim, ground.cell_m, correlation_m),
-        ground_std_l(heights, own, ground.cell_m),
-        1000 * float(above.std()) * float((own & ~known).sum()) * ground.cell_m**2,
+        ground.std_m * _gain_l(own, known, rim, ground.grid.cell_m, correlation_m),
+        ground_std_l(heights, own, ground.grid.cell_m),
+        1000 * float(above.std()) * float((own & ~known).sum()) * ground.grid.cell_m**2,
         volume_l * open_sides / np.sqrt(3),  # even from empty to full
     )
     return Measured(volume_l, float(np.linalg.norm(stds)), 3)

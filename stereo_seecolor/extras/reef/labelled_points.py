@@ -10,6 +10,7 @@ from pathlib import Path, PurePath, PureWindowsPath
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import transform_points
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.export.mosaic_tiles import windows
 from stereo_seecolor.files import csv_tables
@@ -138,11 +139,9 @@ class _PlacedImages:
         _check_inside(pixel, geometry.image_size)
         if self.latest is None or self.latest[0] is not frame:  # tables are sorted by image
             self.latest = frame, self.posed.measured_range_m(frame)
-        x = (pixel[0] - geometry.cx_left_px) / geometry.focal_px
-        y = (pixel[1] - geometry.cy_px) / geometry.focal_px
-        ray = np.array([x, y, 1]) / np.sqrt(x**2 + y**2 + 1)
-        T = self.posed.T_map_camera[number]
-        at = T[:3, :3] @ ray * float(self.latest[1][pixel[1], pixel[0]]) + T[:3, 3]
+        column, row = pixel
+        point_m = geometry.rays[row, column] * self.latest[1][row, column]
+        at = transform_points(self.posed.T_map_camera[number], point_m)
         return float(at[0]), float(at[1])
 
 

@@ -132,8 +132,7 @@ def planar_area(picks: Sequence[PickedPoint]) -> Measured:
     # (N, 3, 3) by how much of the vector each corner's shift changes
     turns = 0.5 * np.cross(np.eye(3)[None], chords[:, None]).swapaxes(1, 2)
     covariance = np.sum(
-        [turn @ pick.covariance @ turn.T for turn, pick in zip(turns, picks, strict=True)],
-        axis=0,
+        [turn @ pick.covariance @ turn.T for turn, pick in zip(turns, picks, strict=True)], axis=0
     )
     variance = float(unit @ covariance @ unit) + LIMITS.of_squares**2 * _squared(
         covariance, unit, area_m2

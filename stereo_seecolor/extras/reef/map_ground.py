@@ -17,6 +17,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
 )
 from stereo_seecolor.extras.reef.picking import PickedPoint
 from stereo_seecolor.extras.reef.polygons import cells_inside, polygon_area
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import RELIEF_CELLS, height_stds, plane_sums
 from stereo_seecolor.mapping.raster.sides import step_m
 from stereo_seecolor.records import Map
@@ -60,30 +61,20 @@ class Spot(PickedPoint):
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A terrain model. heights_m: (H, W), NaN where unknown. west_m, north_m: its upper left
-    corner. std_m: of a height. sides: (H, W) whether the sides of what stands at a cell were seen
-    (``sides_seen``); None where that is not known.
+    """A terrain model. heights_m: (H, W), NaN where unknown. std_m: of a height. sides: (H, W)
+    whether the sides of what stands at a cell were seen (``sides_seen``); None where that is not
+    known.
     """
 
     heights_m: Map
-    west_m: float
-    north_m: float
-    cell_m: float
+    grid: Grid
     std_m: float
     sides: NDArray[np.bool_] | None = None
 
     @property
     def gap_m(self) -> float:
         """The difference in height beyond which two points lie on two things."""
-        return step_m(self.cell_m, self.std_m)
-
-    def cell(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Column and row; the center of the first cell is (0, 0)."""
-        return (x_m - self.west_m) / self.cell_m - 0.5, (self.north_m - y_m) / self.cell_m - 0.5
-
-    def center(self, column: float, row: float) -> tuple[float, float]:
-        """x and y of a cell's center."""
-        return self.west_m + (column + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
+        return step_m(self.grid.cell_m, self.std_m)
 
     def pick(self, x_m: float, y_m: float, z_m: float | None, click_m: float) -> Spot | None:
         """The ground at a place, or, with a height, the point of that height; None where it is
@@ -103,12 +94,12 @@ class Ground:
 
     def _cells(self, x_m: float, y_m: float) -> Array:
         """(N, 3): offsets and heights of the known ones of 3x3 cells."""
-        column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
+        column, row = self.grid.cell(x_m, y_m)
         height, width = self.heights_m.shape
         found = []
         for r in range(max(row - 1, 0), min(row + 2, height)):
             for c in range(max(column - 1, 0), min(column + 2, width)):
-                x, y = self.center(c, r)
+                x, y = self.grid.center(c, r)
                 found.append((x - x_m, y - y_m, float(self.heights_m[r, c])))
         cells = np.array(found).reshape(-1, 3)
         known: Array = cells[np.isfinite(cells[:, 2])]
@@ -130,7 +121,7 @@ class Ground:
 
     def height_std_m(self, x_m: float, y_m: float) -> float:
         """The standard error of a height (mapping/raster/height_errors.py)."""
-        column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
+        column, row = self.grid.cell(x_m, y_m)
         around = self.window(column, row, column, row, RELIEF_CELLS)
         return height_stds(around, RELIEF_CELLS).item()
 
@@ -169,7 +160,7 @@ class Ground:
         """
         if not all(self._is_on(spot) for spot in spots):
             return None
-        apart_m = max(TERRAIN.step_cells * self.cell_m, TERRAIN.step_stds * self.std_m)
+        apart_m = max(TERRAIN.step_cells * self.grid.cell_m, TERRAIN.step_stds * self.std_m)
         line = [spots[0]]
         for a, b in pairwise(spots):
             way = b.point_m[:2] - a.point_m[:2]
@@ -203,8 +194,8 @@ class Ground:
         ``metrics`` states the same of outlines.
         None where the outline stands too steep to be seen from above, or nothing is known.
         """
-        outline = np.array([self.cell(*spot.point_m[:2]) for spot in spots])
-        level_m2 = polygon_area(outline) * self.cell_m**2
+        outline = self.grid.pixels(np.array([spot.point_m for spot in spots]))
+        level_m2 = polygon_area(outline) * self.grid.cell_m**2
         planar = planar_area(spots)
         if not level_m2 >= TERRAIN.steepest * planar.value or not all(
             self._is_on(spot) for spot in spots
@@ -221,7 +212,7 @@ class Ground:
         """Relative standard error of the mean of ``steepness``, by the standard errors of the
         heights and by what is not known.
         """
-        stds_cells, sine = stds_m / self.cell_m, np.sqrt(1 - 1 / steepness**2)
+        stds_cells, sine = stds_m / self.grid.cell_m, np.sqrt(1 - 1 / steepness**2)
         by_heights = np.hypot(
             TERRAIN.of_slopes * (stds_cells * sine).mean(),
             TERRAIN.of_squares * stds_cells.mean() ** 2,
@@ -234,18 +225,18 @@ class Ground:
         """Area of the ground in the part of an outline that is known, and the fraction that it is;
         for corners off the map.
         """
-        outline = np.array([self.cell(*place) for place in places])
+        outline = self.grid.pixels(np.array(places))
         steepness, _, known = self._inside(outline)
         if not steepness.size:
             return None
-        area_m2 = float(steepness.mean()) * polygon_area(outline) * self.cell_m**2 * known
-        around_m = float(np.hypot(*(outline - np.roll(outline, 1, axis=0)).T).sum()) * self.cell_m
+        area_m2 = float(steepness.mean()) * polygon_area(outline) * self.grid.cell_m**2 * known
+        around_m = (
+            float(np.hypot(*(outline - np.roll(outline, 1, axis=0)).T).sum()) * self.grid.cell_m
+        )
         return Measured(area_m2, click_m * around_m / float(np.sqrt(len(outline))), 2), known
 
     def _inside(self, outline: Array) -> tuple[Array, Array, float]:
-        """``steepness`` of the cells inside an outline, in cells; and the fraction that is
-        known.
-        """
+        """``steepness`` of the cells inside an outline, in cells; and the known fraction."""
         size = np.array(self.heights_m.shape[::-1])
         low, high = (
             np.ceil(outline.min(axis=0)).astype(int),
@@ -278,7 +269,7 @@ class Ground:
         A[level], b[level, 1:] = np.eye(3), 0
         rise_m = np.linalg.solve(A, b[..., None])[:, 1:, 0]
         stds_m = height_stds(window, RELIEF_CELLS)
-        steepness = np.hypot(1.0, np.hypot(*rise_m.T) / self.cell_m)
+        steepness = np.hypot(1.0, np.hypot(*rise_m.T) / self.grid.cell_m)
         return steepness, stds_m[rows - RELIEF_CELLS, columns - RELIEF_CELLS]
 
 

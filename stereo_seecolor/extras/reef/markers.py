@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.transforms import rigid_transform
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.extras.reef.metric_tables import write_tables
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.free_places import new_folder, refuse_filled
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import pose
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
 from stereo_seecolor.mapping.marker_detection import FAMILIES, MarkerDetector
 from stereo_seecolor.mapping.marker_placing import PlacedSighting, place
@@ -97,7 +97,7 @@ def markers(
         read_places(known.points)  # what cannot be read is named before all frames are looked at
     posed = open_posed_run(out)
     places = read_places(known.points, posed.map.origin) if known.points else None
-    shift = pose(np.eye(3), posed.offset_m)
+    shift = rigid_transform(np.eye(3), posed.offset_m)
     T = {frame.name: shift @ T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
     seen = _observations(posed, detector, listener or Silence())
     twice = doubled(seen)

@@ -28,8 +28,6 @@ from stereo_seecolor.extras.reef.picking import STEP_PX, FrameSurface, Pick
 from stereo_seecolor.extras.reef.polygons import crosses_itself
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.files import csv_tables
-from stereo_seecolor.geometry import estimated_range_std_m
-from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m
@@ -138,7 +136,7 @@ def surface_of(run: FinishedRun, name: str) -> FrameSurface:
     if "range_std" in frame.products:
         std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
     else:
-        std_m = estimated_range_std_m(range_m, geometry)
+        std_m = geometry.estimated_range_std_m(range_m)
     # as the page holds them
     return FrameSurface(geometry, range_m, std_from_codes(std_codes(std_m)))
 
@@ -156,28 +154,16 @@ def ground_of(run: FinishedRun) -> Ground:
     terrain = TerrainImages.open(path)
     if terrain is None:  # pragma: no cover: where the geo extra is missing
         raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'")
-    about = terrain.about
-    heights_m = terrain.heights_m((0, 0, about["width"], about["height"]))
-    std_m = height_std_m(run)
-    return Ground(
-        heights_m,
-        about["west_m"],
-        about["north_m"],
-        about["pixel_m"],
-        std_m if np.isfinite(std_m) else 0.0,
-    )
+    grid, std_m = terrain.grid, height_std_m(run)
+    heights_m = terrain.heights_m((0, 0, *grid.shape[::-1]))
+    return Ground(heights_m, grid, std_m if np.isfinite(std_m) else 0.0)
 
 
 def with_sides(ground: Ground, mesh: SiteMesh, posed: PosedRun) -> Ground:
     """The ground of a map in its world, with the sides that its mesh holds."""
-    east_m, north_m, _ = posed.offset_m
     heights = ground.heights_m.astype(np.float64)
-    grid = Grid(
-        ground.west_m - east_m, ground.north_m - north_m, ground.cell_m, ground.heights_m.shape
-    )
-    return replace(
-        ground, sides=sides_seen(heights, mesh.area_over(grid), ground.cell_m, ground.gap_m)
-    )
+    mesh_m2 = mesh.area_over(ground.grid.moved(-posed.offset_m))
+    return replace(ground, sides=sides_seen(heights, mesh_m2, ground.grid.cell_m, ground.gap_m))
 
 
 def measured_on_map(
@@ -247,9 +233,7 @@ def _partly_known(
 
 
 def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measurement:
-    """Measure one thing in a frame. calibration: relative standard error of a length by the
-    calibration.
-    """
+    """Measure one thing in a frame. calibration: its relative error of lengths."""
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     picks: list[Pick] = []
     clicks_px = wanted.clicks_px or (0.0,) * len(wanted.places)
@@ -285,10 +269,7 @@ def measured(surface: FrameSurface, wanted: Wanted, calibration: float) -> Measu
         )
     known: float | None = None
     if wanted.kind == "length":
-        straight, on_surface = (
-            straight_length(picks),
-            length_along(along_surface(surface, picks)),
-        )
+        straight, on_surface = (straight_length(picks), length_along(along_surface(surface, picks)))
     else:
         straight, (on_surface, known) = planar_area(picks), surface_area(surface, picks)
     stds = straight.total_std(calibration), on_surface.total_std(calibration)

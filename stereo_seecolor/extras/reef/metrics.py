@@ -26,10 +26,7 @@ from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 
 def metrics(
-    out: Path,
-    polygons: Path | None = None,
-    folder: Path | None = None,
-    points: Path | None = None,
+    out: Path, polygons: Path | None = None, folder: Path | None = None, points: Path | None = None
 ) -> SiteMetrics:
     """Measure structure at several scales of the map in ``out``, size and structure of each outline
     of ``polygons``, and the cover by ``points``.

@@ -178,9 +178,7 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
 
 
 def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
-    """Regions of the image that has the size of the map's orthomosaic; contours are x, y in its
-    pixels.
-    """
+    """Regions of the image of the size of the orthomosaic; contours are x, y in pixels."""
     with open_raster(posed.map_folder / MOSAIC) as file:
         size, transform = (file.width, file.height), file.transform
     images = [

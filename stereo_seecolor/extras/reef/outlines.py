@@ -24,8 +24,6 @@ class Outline:
     rings: tuple[Ring, ...]
 
     def mask(self, grid: Grid) -> NDArray[np.bool_]:
-        """Compute which cells have their centers inside: (H, W) bool; a ring within a ring is a
-        hole.
-        """
+        """The cells whose centers lie inside: (H, W) bool; a ring within a ring is a hole."""
         corners = [grid.pixels(ring) for ring in self.rings]
         return cells_inside(corners, 0, 0, grid.shape)

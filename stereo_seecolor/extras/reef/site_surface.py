@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import scale_of, transform_points
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.geometry import scale_of, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.sides import area_over
 from stereo_seecolor.run_folder.layout import MAP, MESH

@@ -116,9 +116,7 @@ class McapRecording:
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether a file was recorded by this program: by its header, the first record of an MCAP
-    file.
-    """
+    """Whether this program recorded a file: by its header, an MCAP file's first record."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -130,9 +128,7 @@ def is_recording(path: Path) -> bool:
 
 
 def messages(pair: RecordedPair, geometry: RectifiedPair) -> Iterator[tuple[str, Any]]:
-    """Make the messages of a pair, (topic, message), one at a time: each may have some
-    megabytes.
-    """
+    """Make a pair's messages, (topic, message), one by one: each may have megabytes."""
     stamp_ns = pair.stamp_ns
     made: tuple[Callable[[], Any], ...] = (
         lambda: ros.compressed_image(stamp_ns, *pair.picture),
@@ -154,12 +150,7 @@ def _points(
     """(N, 3) meters in the left camera's axes, and their colors, of a part of the pixels with a
     measured range.
     """
-    part = slice(None, None, POINT_STEP_PX)
-    depth_m = range_m[part, part] / geometry.ray_length[part, part]
-    y_px, x_px = (POINT_STEP_PX * index for index in np.nonzero(np.isfinite(depth_m)))
-    z_m = depth_m[np.isfinite(depth_m)]
-    x_m, y_m = (
-        (x_px - geometry.cx_left_px) / geometry.focal_px * z_m,
-        (y_px - geometry.cy_px) / geometry.focal_px * z_m,
-    )
-    return np.column_stack([x_m, y_m, z_m]).astype(np.float32), color[y_px, x_px]
+    part = np.s_[::POINT_STEP_PX, ::POINT_STEP_PX]
+    known = np.isfinite(range_m[part])
+    points = geometry.rays[part][known] * range_m[part][known, None]
+    return points.astype(np.float32), color[part][known]

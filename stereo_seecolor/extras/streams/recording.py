@@ -24,9 +24,7 @@ COUNTED_STEP_NS = 10**9
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """``dive.mcap``. Raises DeviceError if a library is missing, InputError if a frame is
-    damaged.
-    """
+    """``dive.mcap``. Raises DeviceError without a library, InputError for a damaged frame."""
     with McapRecording(folder / FILE, posed.geometry) as recording:
         for i, frame in enumerate(posed.frames):
             pair = recorded(frame, i, posed.T_map_camera[i])

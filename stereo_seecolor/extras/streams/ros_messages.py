@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from calibration.rig import quarter_turn
+from calibration.transforms import quaternion
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.records import Map
 
@@ -34,9 +35,7 @@ def type_name(name: str) -> str:
 
 
 def make(name: str, *values: Any) -> Any:
-    """A message of that type from its fields in their order. Raises DeviceError if rosbags is
-    missing.
-    """
+    """A message of that type from its fields in order. Raises DeviceError without rosbags."""
     return _store().types[type_name(name)](*values)
 
 
@@ -148,11 +147,9 @@ def points(stamp_ns: int, xyz_m: NDArray[np.float32], color: NDArray[np.uint8]) 
 
 def transforms(stamp_ns: int, T_map_camera: NDArray[np.float64]) -> Any:
     """T_map_camera: (4, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = Rotation.from_matrix(T_map_camera[:3, :3]).as_quat()
     translation = make("Vector3", *map(float, T_map_camera[:3, 3]))
-    transform = make("Transform", translation, make("Quaternion", *map(float, quaternion)))
+    turn = make("Quaternion", *map(float, quaternion(T_map_camera[:3, :3])))
+    transform = make("Transform", translation, turn)
     return make(
         "TFMessage", [make("TransformStamped", header(stamp_ns, MAP_FRAME), LEFT_FRAME, transform)]
     )

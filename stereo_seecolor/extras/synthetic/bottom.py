@@ -48,9 +48,7 @@ class Bottom:
         relief_m: float,
         rng: np.random.Generator,
     ) -> "Bottom":
-        """Rolling ground: rippled sand in the hollows, rock with turf and coralline crusts on the
-        rises.
-        """
+        """Rolling ground: rippled sand in hollows, rock with turf and crusts on rises."""
         coarse = fractal_noise(shape, 2.5 / cell_m, 3, rng)
         rough = fractal_noise(shape, 0.5 / cell_m, 5, rng)
         rocky = smooth_step(coarse + 0.35 * rough, -0.25, 0.05)

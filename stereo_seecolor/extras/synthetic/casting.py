@@ -27,9 +27,7 @@ Rays = NDArray[np.float32]
 
 
 def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray[np.float32]:
-    """Compute the distance along each ray to the reef: (H, W, S) meters, infinite where a ray never
-    meets it.
-    """
+    """The distance along each ray to the reef: (H, W, S) meters, infinite without one."""
     range_m = np.empty(rays.shape[:3], np.float32)
     low, high = float(reef.height_m.min()), float(reef.height_m.max())
     in_rows(

@@ -17,9 +17,7 @@ DEMO_PAIRS = 4
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The run over the rendered dive, in ``out``. truth: its errors, None if the run was
-    interrupted.
-    """
+    """The run over the rendered dive, in ``out``. truth: its errors, None if interrupted."""
 
     out: Path
     summary: RunSummary

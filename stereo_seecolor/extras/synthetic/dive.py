@@ -127,9 +127,7 @@ def _keep_or_write(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _water_content(scene: Scene) -> dict[str, Any]:
-    """As OUT/water.json, with what else is true of the light, and the specification that made it
-    all.
-    """
+    """As OUT/water.json, with what else is true of the light, and the specification."""
     values = {field.name: getattr(scene.water.water, field.name) for field in fields(Water)}
     return {
         "format": "stereo-seecolor/water",

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import transform_points
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.extras.synthetic.casting import in_rows
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
@@ -38,7 +39,7 @@ class School:
             axis=1,
         )
         distance_m = rng.uniform(0.55, 0.8, (spec.fish, 1)) * T_world_camera[2, 3]
-        centers_m = (ahead * distance_m) @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        centers_m = transform_points(T_world_camera, ahead * distance_m)
         heading, half_length_m = (
             rng.uniform(0, 2 * np.pi, spec.fish),
             rng.uniform(0.04, 0.10, spec.fish),

@@ -74,9 +74,7 @@ _MASSIVE: tuple[Color, ...] = ((0.34, 0.24, 0.09), (0.20, 0.22, 0.08), (0.38, 0.
 
 
 def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Populate the bottom, big things first; returns the (4, 2) corners of the color chart,
-    meters.
-    """
+    """Populate the bottom, big things first; the (4, 2) corners of the color chart, meters."""
     ny, nx = bottom.height_m.shape
     area_m2 = ny * nx * bottom.cell_m**2
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
-from stereo_seecolor import geometry
+from calibration.transforms import inverse, rigid_transform
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.extras.synthetic.casting import Rays, cast, in_rows, look_up
 from stereo_seecolor.extras.synthetic.fish import School
@@ -122,8 +122,8 @@ class Scene:
         instant = _Instant(
             pose, School.around(self.spec, pose, index), time_s, strobe_energy(self.spec, index)
         )
-        T_world_left = pose @ geometry.pose(self.rectification.R_left, np.zeros(3))
-        T_world_right = T_world_left @ np.linalg.inv(self.rig.T_right_left)
+        T_world_left = pose @ rigid_transform(self.rectification.R_left, np.zeros(3))
+        T_world_right = T_world_left @ inverse(self.rig.T_right_left)
         left = self._picture(T_world_left, self._rays_left, self.rig.left, instant, (index, 0))
         right = self._picture(T_world_right, self._rays_right, self.rig.right, instant, (index, 1))
         return StereoFrame(self.trajectory.names[index], left, right, time_s)
@@ -179,9 +179,7 @@ class Scene:
 
     @cached_property
     def _water_tables(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """A(z) and B(z) every ``_TABLE_STEP_M`` up to 40 m; the last entry is for rays that meet
-        nothing.
-        """
+        """A(z) and B(z) every ``_TABLE_STEP_M`` up to 40 m; last, for rays that meet nothing."""
         range_m = np.append(np.arange(0.0, 40.0, _TABLE_STEP_M), 1e6)
         water = self.water.water
         return water.attenuation(range_m).astype(np.float32), water.backscatter(range_m).astype(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
 from calibration.rig_errors import RigErrors
+from calibration.transforms import rigid_transform
 from stereo_seecolor.extras.synthetic.waters import WaterName
 from stereo_seecolor.records import Trajectory
 
@@ -68,9 +69,7 @@ class SurveySpec:
 
     @property
     def exposure_range_m(self) -> float:
-        """The range that the exposure is set for: the nearest the cameras come to the mean
-        bottom.
-        """
+        """The range that the exposure is set for: where the cameras are nearest to the bottom."""
         return min(self.altitude_m)
 
 
@@ -86,9 +85,8 @@ def rig(spec: SurveySpec) -> StereoRig:
     K_right = np.array(
         [[focal_px * 1.004, 0, 0.494 * width], [0, focal_px * 1.003, 0.507 * height], [0, 0, 1]]
     )
-    T_right_left = np.eye(4)
-    T_right_left[:3, :3] = _rotation(roll_rad=0.006, pitch_rad=-0.004, yaw_rad=0.012)
-    T_right_left[:3, 3] = T_right_left[:3, :3] @ [-0.12, 0.0006, -0.0011]
+    R = _rotation(roll_rad=0.006, pitch_rad=-0.004, yaw_rad=0.012)
+    T_right_left = rigid_transform(R, R @ [-0.12, 0.0006, -0.0011])
     left = Camera(K_left, np.array([-0.11, 0.04, 0.0006, -0.0004, 0.0]), spec.image_size)
     right = Camera(K_right, np.array([-0.12, 0.05, -0.0005, 0.0007, 0.0]), spec.image_size)
     drawn = RigErrors(focal=0.0, baseline=0.0, stated_by="rendering the dive")
@@ -117,14 +115,14 @@ def track(spec: SurveySpec) -> Trajectory:
 
     R_left = Rectification.from_rig(rig(spec)).R_left
     tilt_rad = np.radians(spec.tilt_deg)
-    poses = np.tile(np.eye(4), (spec.pairs, 1, 1))
+    poses = np.empty((spec.pairs, 4, 4))
     for i in range(spec.pairs):
         heading = np.pi if returning[i] else 0.0
         attitude = _rotation(
             roll_rad=0.025 * sway[0, i], pitch_rad=0.025 * sway[1, i], yaw_rad=0.03 * sway[2, i]
         )
-        poses[i, :3, :3] = _looking_down(heading, tilt_rad) @ attitude @ R_left.T
-        poses[i, :3, 3] = x_m[i], y_m[i], z_m[i]
+        R = _looking_down(heading, tilt_rad) @ attitude @ R_left.T
+        poses[i] = rigid_transform(R, (x_m[i], y_m[i], z_m[i]))
     return Trajectory(frame_names(spec, time_s), time_s, poses)
 
 

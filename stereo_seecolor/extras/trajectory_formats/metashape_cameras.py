@@ -8,13 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import pose
-from stereo_seecolor.inputs.trajectories.table import (
-    Lines,
-)
+from stereo_seecolor.inputs.trajectories.table import Lines
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
@@ -90,9 +88,7 @@ def _aligned(lines: Lines, root: ET.Element) -> Iterator[tuple[ET.Element, Array
 
 
 def _similarity(node: ET.Element | None) -> Array | None:
-    """(13,) scale, rotation (9), translation (3); None where there is none, or one that cannot be
-    read.
-    """
+    """(13,) scale, rotation (9), translation (3); None without a readable one."""
     if node is None:
         return None
     parts = [_numbers(node.find(name)) for name in ("scale", "rotation", "translation")]
@@ -113,10 +109,9 @@ def _numbers(node: ET.Element | None) -> Array:
 
 def _moved(similarity: Array, T_chunk_camera: Array) -> Array:
     R = similarity[1:10].reshape(3, 3)
-    T = np.eye(4)
-    T[:3, :3] = R @ T_chunk_camera[:3, :3]
-    T[:3, 3] = similarity[0] * R @ T_chunk_camera[:3, 3] + similarity[10:]
-    return T
+    return rigid_transform(
+        R @ T_chunk_camera[:3, :3], similarity[0] * R @ T_chunk_camera[:3, 3] + similarity[10:]
+    )
 
 
 def _is_on_earth(root: ET.Element) -> bool:
@@ -136,7 +131,7 @@ def _east_north_up(T: Array) -> tuple[Array, GeoOrigin]:
     latitude_deg, longitude_deg, height_m = geodetic_from_geocentric(first)
     axes = east_north_up_axes(latitude_deg, longitude_deg)
     position_m = (T[:, :3, 3] - first) @ axes.T + [0, 0, height_m]
-    return pose(axes @ T[:, :3, :3], position_m), GeoOrigin(latitude_deg, longitude_deg)
+    return rigid_transform(axes @ T[:, :3, :3], position_m), GeoOrigin(latitude_deg, longitude_deg)
 
 
 FORMAT = TextFormat("Metashape cameras", recognizes, read)

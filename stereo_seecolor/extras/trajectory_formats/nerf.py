@@ -5,6 +5,7 @@ the axes of OpenGL.
 import numpy as np
 
 from calibration.bounded_text import load_json
+from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories.table import LARGEST, Lines
@@ -47,11 +48,8 @@ def _rigid(T: np.ndarray) -> np.ndarray:
     """(N, 4, 4) of (N, 3, 4), the axes of length one: Blender leaves an object's scale in them; NaN
     where one has none.
     """
-    whole = np.tile(np.eye(4), (len(T), 1, 1))
-    whole[:, :3] = T
     lengths = np.linalg.norm(T[:, :, :3], axis=1, keepdims=True)
-    whole[:, :3, :3] /= np.where(lengths > 0, lengths, np.nan)
-    return whole
+    return rigid_transform(T[:, :, :3] / np.where(lengths > 0, lengths, np.nan), T[:, :, 3])
 
 
 FORMAT = TextFormat("transforms.json", recognizes, read, is_json=True)

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from calibration.bounded_text import load_json
+from calibration.transforms import rigid_transform, rotation_from_vector
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.table import LARGEST, Lines
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.records import GeoOrigin, Trajectory
@@ -58,7 +58,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     return Trajectory(
         tuple(map(str, shots)),
         times,
-        pose(R_world_camera, centers),
+        rigid_transform(R_world_camera, centers),
         up=up,
         origin=origin,
         camera="raw",

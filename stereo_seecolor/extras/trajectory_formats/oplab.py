@@ -46,9 +46,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 def _origin(
     table: Table, camera_ned: np.ndarray, R_ned_vehicle: np.ndarray, mount: MountConfig
 ) -> GeoOrigin | None:
-    """The origin that northing and easting count from: latitude and longitude are the vehicle's
-    center's.
-    """
+    """The origin of northing and easting: latitude and longitude are the vehicle's center."""
     latitude = np.array(table.column("latitude [deg]", np.nan))
     longitude = np.array(table.column("longitude [deg]", np.nan))
     vehicle_ned = camera_ned - R_ned_vehicle @ mount_offset_m(mount)

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.geometry import R_ENU_NED, pose
+from stereo_seecolor.earth import R_ENU_NED
 
 
 def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:
@@ -21,7 +22,7 @@ def poses_from_ned(
     R_ned_camera: NDArray[np.float64], position_ned_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Camera poses in north-east-down to camera poses in east-north-up, (N, 4, 4)."""
-    return pose(R_ENU_NED @ R_ned_camera, position_ned_m @ R_ENU_NED.T)
+    return rigid_transform(R_ENU_NED @ R_ned_camera, position_ned_m @ R_ENU_NED.T)
 
 
 def mount_rotation(mount: MountConfig) -> NDArray[np.float64]:

@@ -4,9 +4,9 @@ line the image's points.
 
 import numpy as np
 
+from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.files.text_documents import read_text
-from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.records import Trajectory
 
@@ -35,16 +35,12 @@ def read_colmap(lines: Lines, mount: MountConfig) -> Trajectory:
         names.append(fields[9])
     table = np.reshape(rows, (-1, 7))
     R_camera_world = rotation_from_quaternion(table[:, [1, 2, 3, 0]])
-    R_world_camera = R_camera_world.transpose(0, 2, 1)
-    position_m = -np.einsum("nij,nj->ni", R_world_camera, table[:, 4:])
-    T = pose(R_world_camera, position_m)
+    T = inverse(rigid_transform(R_camera_world, table[:, 4:]))
     return Trajectory(tuple(names), np.full(len(names), np.nan), T, up="unknown", camera="raw")
 
 
 def _image_lines(lines: Lines) -> list[tuple[int, str]]:
-    """Every second line that is not a comment; the lines of points may be empty, so empty lines
-    count.
-    """
+    """Every second line that is not a comment; empty lines count: points may be none."""
     text = read_text(lines.path).splitlines()
     uncommented = [(i, line) for i, line in enumerate(text, start=1) if not line.startswith("#")]
     return [(i, line) for i, line in uncommented[::2] if line.strip()]

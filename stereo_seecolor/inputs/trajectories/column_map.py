@@ -230,9 +230,7 @@ def _at_times(times_s: Column, own_s: Column, values: Column, is_angle: bool) ->
 
 
 def _values(table: Table, columns: Mapping[str, str]) -> dict[str, Column]:
-    """The numbers of a table by role: positions where they are valid, degrees, depths that count
-    down.
-    """
+    """The numbers of a table by role: valid positions, degrees, depths that count down."""
     values = {
         role: _numbers(table, columns, role)
         for role in ("north", "east", "heading", "pitch", "roll", "lat", "lon")
@@ -349,9 +347,7 @@ def _check_degrees(table: Table, values: Mapping[str, Column]) -> None:
 
 
 def _not_valid(table: Table, columns: Mapping[str, str]) -> NDArray[np.bool_]:
-    """Rows that say of their position that it is not known, also in a column that the map does not
-    name.
-    """
+    """Rows that say that their position is unknown, also in an unmapped column."""
     column = columns.get("valid") or guessed(table.lines).get("valid", "")
     return np.array([text.lower() in _NOT_VALID for text in table.text(column.lower())], dtype=bool)
 

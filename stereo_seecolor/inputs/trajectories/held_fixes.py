@@ -31,9 +31,7 @@ class HeldFixes(NamedTuple):
 
 
 def between_fixes(times_s: Array, positions: Array) -> HeldFixes:
-    """Positions (N, K) between the fixes at times (N,); as they are where no receiver repeats
-    them.
-    """
+    """Positions (N, K) between the fixes at times (N,); as they are if none repeats."""
     known = np.flatnonzero(np.isfinite(times_s) & np.isfinite(positions).all(axis=1))
     if len(known) < 2 or (np.diff(times_s[known]) <= 0).any():
         return HeldFixes(positions)

@@ -63,9 +63,7 @@ def _columns(lines: Lines) -> list[str] | None:
 
 
 def _is_of(quantity: set[str], axis: str, name: str) -> bool:
-    """Tell whether a name says an axis of a quantity: ``pose.position.x`` and ``px`` of a
-    position.
-    """
+    """Whether a name says an axis of a quantity: ``pose.position.x`` and ``px`` of a position."""
     parts = re.split("[._]", name.removesuffix(axis))
     return name.endswith(axis) and not quantity.isdisjoint(parts)
 

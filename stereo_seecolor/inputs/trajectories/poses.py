@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform, rotation_from_quaternion
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number, read_lines
 from stereo_seecolor.inputs.trajectories.times import seconds
@@ -68,7 +68,7 @@ def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> 
     World z is up unless the first pose is the identity: then the world is the first camera, and up
     is unknown.
     """
-    T = pose(rotation_from_quaternion(values[:, 3:]), values[:, :3])
+    T = rigid_transform(rotation_from_quaternion(values[:, 3:]), values[:, :3])
     starts_at_identity = np.allclose(T[0], np.eye(4), atol=1e-6)
     return Trajectory(("",) * len(T), times_s, T, up="unknown" if starts_at_identity else "z")
 
@@ -109,16 +109,13 @@ def _form(lines: Lines) -> int | None:
 
 
 def read_kitti(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Matched to the frames in order, or by time where times.txt has as many lines; up is
-    unknown.
-    """
+    """In the order of the frames, or by time if times.txt has as many lines; up is unknown."""
     count = _form(lines)
     assert count
     form = f"a pose of {count} numbers" if count > 12 else "a KITTI pose has 12 numbers"
     firsts, values = _rows(lines, count, form)
     matrices = values.reshape(-1, 4, 4)[:, :3] if count in (4, 16) else values.reshape(-1, 3, 4)
-    T = np.tile(np.eye(4), (len(matrices), 1, 1))
-    T[:, :3] = matrices
+    T = rigid_transform(matrices[..., :3], matrices[..., 3])
     poses = Trajectory(("",) * len(T), np.full(len(T), np.nan), T, up="unknown")
     if any(firsts) and firsts != [str(i) for i in range(len(firsts))]:
         return _named(poses, lines, firsts)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import north_east_from_degrees
-from stereo_seecolor.geometry import pose
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
@@ -43,9 +43,9 @@ class VehicleTrack:
     def camera(self, mount: MountConfig) -> Trajectory:
         """The raw camera's poses in east-north-up, z zero at the water's surface."""
         R_ned_vehicle = rotation_from_euler(*np.radians(self.attitude_deg.T))
-        T_vehicle_camera = pose(mount_rotation(mount), mount_offset_m(mount))
+        T_vehicle_camera = rigid_transform(mount_rotation(mount), mount_offset_m(mount))
         place = np.column_stack([self.north_east_m, self.depth_m])
-        T_ned = pose(R_ned_vehicle, place) @ T_vehicle_camera
+        T_ned = rigid_transform(R_ned_vehicle, place) @ T_vehicle_camera
         T = poses_from_ned(T_ned[:, :3, :3], T_ned[:, :3, 3])
         return Trajectory(
             self.names,

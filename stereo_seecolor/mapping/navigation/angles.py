@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stereo_seecolor.geometry import R_ENU_NED, inverse, pose
+from calibration.transforms import inverse, rigid_transform
+from stereo_seecolor.earth import R_ENU_NED
 
 Array = NDArray[np.float64]
 
@@ -38,5 +39,5 @@ def of_other_angles(
     for name, change in _CHANGES.items():
         R = R_ENU_NED @ Rotation.from_euler("ZYX", change(read_deg), degrees=True).as_matrix()
         result = np.full_like(T_world_camera, np.nan)
-        result[known] = pose(R, T_vehicle[:, :3, 3]) @ T_vehicle_camera
+        result[known] = rigid_transform(R, T_vehicle[:, :3, 3]) @ T_vehicle_camera
         yield name, result

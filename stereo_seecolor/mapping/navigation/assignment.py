@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
+from calibration.transforms import interpolate
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.names import folder_keys, stem_of_path
-from stereo_seecolor.geometry import interpolate
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.survey_frames import Unplaced
@@ -170,9 +170,7 @@ def _by_name(index: FrameIndex, trajectory: Trajectory, by_key: dict[str, list[i
 
 
 def from_start(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64]) -> bool:
-    """Tell whether the times of one side, finite, are of a clock and those of the other count from
-    a start.
-    """
+    """Whether one side's times are of a clock and the other's count from a start."""
     return bool(
         len(frames_s) and len(poses_s) and (frames_s.min() > CLOCK_S) != (poses_s.min() > CLOCK_S)
     )

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.robust_statistics import ROBUST_DEVIATION, deviation_about_zero
+from calibration.transforms import inverse, nearest_rotation, rigid_transform, rotation_vector
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
 from stereo_seecolor.mapping.navigation.deviations import deviations
@@ -315,7 +315,7 @@ def _with_lever_arm(before: _Correction, seen: SeenMotion) -> _Correction:
     arm = lever_arm(Motions.of(before.T, seen.spans or seen.edges))
     if arm is None:
         return before
-    T = before.T @ pose(np.eye(3), -arm[0])
+    T = before.T @ rigid_transform(np.eye(3), -arm[0])
     after = _Correction(T, seen.misfit(T), (*before.advice, _lever_advice(*arm)))
     return after if after.misfit < before.misfit else before
 
@@ -386,7 +386,7 @@ def moved_to_given(
         if now.sum() < MIN_FRAMES or (now == kept).all():
             break
         kept = now
-    return np.asarray(pose(R, shifts[kept].mean(axis=0)) @ T), kept
+    return np.asarray(rigid_transform(R, shifts[kept].mean(axis=0)) @ T), kept
 
 
 def _residuals(motions: Motions, edges: Sequence[Edge], survey: Survey) -> Navigation:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import interpolate, inverse
+from calibration.transforms import interpolate, inverse
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import poses_at
 from stereo_seecolor.mapping.survey import Placement

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.robust_statistics import TUKEY, biweight, deviation_about_zero
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign, clock_difference
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
@@ -118,7 +118,7 @@ def _off(track_m: Array, fixes_m: Array, scaled: bool = False) -> tuple[float, f
         track_m = track_m * _scale(track_m, fixes_m)
     T, arms = _weighted(track_m, fixes_m, np.ones(len(track_m)))
     for _ in range(SETTINGS.rounds):
-        off_m = np.linalg.norm((track_m @ T[:3, :3].T + T[:3, 3] - fixes_m)[:, :2], axis=1)
+        off_m = np.linalg.norm((transform_points(T, track_m) - fixes_m)[:, :2], axis=1)
         weights = 1 / np.maximum(off_m, SETTINGS.least_m)  # the least sum of distances
         T, arms = _weighted(track_m, fixes_m, weights)
     return float(np.median(off_m)), float(np.sqrt((arms**2).sum(axis=1).mean()))
@@ -186,7 +186,7 @@ def fit_to_fixes(track_m: Array, fixes_m: Array, std_m: float | None) -> FixFit 
     weights, known_m = np.ones(len(track_m)), std_m
     for _ in range(SETTINGS.rounds):
         T, arms = _weighted(track_m, fixes_m, weights)
-        off = (track_m @ T[:3, :3].T + T[:3, 3] - fixes_m)[:, :2]
+        off = (transform_points(T, track_m) - fixes_m)[:, :2]
         scatter_m = known_m or max(deviation_about_zero(off), 1e-3)
         weights = biweight(np.linalg.norm(off, axis=1) / (TUKEY * scatter_m))
         if np.count_nonzero(weights) < SETTINGS.fewest:
@@ -206,4 +206,4 @@ def _weighted(track_m: Array, fixes_m: Array, weights: Array) -> tuple[Array, Ar
         weights @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), weights @ (a * b).sum(axis=1)
     )
     R = rotation_from_vector(np.array([0.0, 0.0, float(yaw)]))
-    return pose(R, there - R @ middle), a
+    return rigid_transform(R, there - R @ middle), a

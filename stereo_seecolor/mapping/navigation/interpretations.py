@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from calibration.robust_statistics import weighted_median
+from calibration.transforms import inverse, quaternion, rotation_from_quaternion
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.geometry import inverse, quaternion
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.angles import of_other_angles
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
@@ -72,9 +71,7 @@ def named(readings: Sequence[PoseReading]) -> str:
 def interpretations(
     T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
 ) -> Iterator[tuple[str, Array]]:
-    """List all other readings of the poses. T: (N, 4, 4) as read. seen: as the pictures show
-    them.
-    """
+    """List all other readings of the poses. T: (N, 4, 4) as read. seen: by the pictures."""
     has_clock = (
         not any(trajectory.names)
         and np.isfinite(trajectory.timestamps_s).all()
@@ -126,9 +123,9 @@ def w_first(T: Array) -> Array:
     result = np.full_like(T, np.nan)
     known = np.isfinite(T).all(axis=(1, 2))
     result[known] = T[known]
-    result[known, :3, :3] = Rotation.from_quat(
+    result[known, :3, :3] = rotation_from_quaternion(
         np.roll(quaternion(T[known, :3, :3]), -1, axis=1)
-    ).as_matrix()
+    )
     return result
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.geometry import inverse, rotation_vector, transform_points
+from calibration.transforms import inverse, rotation_vector, transform_points
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Array = NDArray[np.float64]
@@ -77,9 +77,7 @@ class Motions:
 
 
 def by_frame(values: Array, edges: Sequence[Edge], count: int) -> Array:
-    """Compute the median of values (E,) over each frame's edges: (count,), NaN for a frame without
-    edges.
-    """
+    """The median of values (E,) over each frame's edges: (count,), NaN without edges."""
     ends = np.array([[e.i, e.j] for e in edges], np.int64).reshape(-1, 2)
     result = np.full(count, np.nan)
     for frame in np.unique(ends):
@@ -108,9 +106,7 @@ def depth_difference_m(
 
 
 def misfits(T_world_camera: Array, edges: Sequence[Edge]) -> Array:
-    """Compute how badly poses fit each edge between them: shifts in steps and turns in
-    TURN_AS_STEP_RAD.
-    """
+    """How badly poses fit each edge between them: shifts, and turns in TURN_AS_STEP_RAD."""
     motions = Motions.of(T_world_camera, edges)
     return np.hypot(motions.position_m / motions.step_m, motions.attitude_rad / TURN_AS_STEP_RAD)
 

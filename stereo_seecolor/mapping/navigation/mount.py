@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.robust_statistics import weighted_median_and_error
+from calibration.transforms import nearest_rotation, rotation_from_vector, rotation_vector
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.geometry import nearest_rotation, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.navigation.motions import LEAST_EDGES, Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
@@ -45,9 +45,7 @@ SETTINGS = MountSettings()
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) standard errors about the camera's
-    axes.
-    """
+    """R: (3, 3), T_world_camera = T_given R. std_rad: (3,) errors about the camera's axes."""
 
     R: Array
     std_rad: Array

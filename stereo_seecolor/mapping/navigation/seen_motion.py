@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import inverse
+from calibration.transforms import inverse
 from stereo_seecolor.mapping.navigation.motions import Motions, misfit, misfits
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.geometry import inverse, transform_points
+from calibration.transforms import inverse, transform_points
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Frames
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings
@@ -43,9 +43,7 @@ SETTINGS = SpotSettings()
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """Edges measured here and there; exact: True where the given poses agree with them to half a
-    voxel.
-    """
+    """Edges measured here and there; exact: poses agree with them to half a voxel."""
 
     edges: list[Edge]
     exact: bool

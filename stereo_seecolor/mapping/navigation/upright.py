@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform, rotation_to_z, transform_points
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import pose, rotation_to_z, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
 
@@ -70,4 +70,4 @@ def _level(index: FrameIndex, T: NDArray[np.float64], frames: list[int]) -> NDAr
     center = total / count
     normal = np.linalg.svd(np.concatenate(some) - center, full_matrices=False)[2][2]
     towards_cameras = T[frames, :3, 3].mean(axis=0) - center
-    return pose(rotation_to_z(normal * np.sign(normal @ towards_cameras)), np.zeros(3))
+    return rigid_transform(rotation_to_z(normal * np.sign(normal @ towards_cameras)), np.zeros(3))

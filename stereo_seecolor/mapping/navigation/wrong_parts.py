@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import rotation_vector
+from calibration.transforms import rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion

@@ -65,9 +65,7 @@ class BlockRaster:
     def _overlaps(
         self, rows: slice, columns: slice
     ) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
-        """Each block that a window meets: its number, the part of the window, the part of the
-        block.
-        """
+        """Each block that a window meets: its number, the parts of the window and of the block."""
         for row in range(
             max(rows.start, 0) // BLOCK_PX, -(-min(rows.stop, self.grid.shape[0]) // BLOCK_PX)
         ):

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import inverse
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M

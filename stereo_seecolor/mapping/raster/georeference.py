@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rotation_from_vector
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.geometry import rotation_from_vector
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.records import GeoOrigin
 

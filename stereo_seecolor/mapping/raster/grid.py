@@ -1,11 +1,13 @@
 """The grid of a raster map: where its cells lie."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 def bounds(parts: Iterable[NDArray[np.floating]]) -> tuple[Any, Any]:
@@ -49,12 +51,30 @@ class Grid:
             (round(north - south), round(east - west)),
         )
 
+    def moved(self, offset_m: Sequence[float] | NDArray[np.float64]) -> "Grid":
+        """The same cells in coordinates to which an offset (x, y, ...) was added."""
+        return replace(self, west_m=self.west_m + offset_m[0], north_m=self.north_m + offset_m[1])
+
+    def window(self, rows: slice, columns: slice) -> "Grid":
+        """The cells of a window."""
+        return Grid(
+            self.west_m + columns.start * self.cell_m,
+            self.north_m - rows.start * self.cell_m,
+            self.cell_m,
+            (rows.stop - rows.start, columns.stop - columns.start),
+        )
+
     def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Convert points (N, 2 or more) to column and row (N, 2); the center of the first cell is
-        (0, 0).
-        """
+        """Convert points (N, 2 or more) to column and row (N, 2); (0, 0) is a center."""
         points = np.asarray(points_m, np.float64)
         return np.stack([self.columns(points[:, 0]), self.rows(points[:, 1])], axis=-1)
+
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """The column and row of the cell at a place."""
+        return (
+            int(np.floor((x_m - self.west_m) / self.cell_m)),
+            int(np.floor((self.north_m - y_m) / self.cell_m)),
+        )
 
     def columns(self, x_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """Convert x to columns."""
@@ -64,11 +84,16 @@ class Grid:
         """Convert y to rows."""
         return np.asarray((self.north_m - y_m) / self.cell_m - 0.5, np.float64)
 
+    def center(self, column: Number, row: Number) -> tuple[Number, Number]:
+        """The x and y of the centers of cells."""
+        return self.west_m + (column + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
+
     def axes(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The x (w,) and y (h,) of the cells' centers in a window."""
-        x_m = self.west_m + (np.arange(columns.start, columns.stop) + 0.5) * self.cell_m
-        y_m = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
-        return x_m, y_m
+        return self.center(
+            np.arange(columns.start, columns.stop, dtype=np.float64),
+            np.arange(rows.start, rows.stop, dtype=np.float64),
+        )
 
     def centers(
         self, rows: slice, columns: slice

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.transforms import inverse
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
-from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
@@ -142,9 +142,7 @@ class _Cache:
         self._reading = Lock()
 
     def read(self, wanted: list[int]) -> list[_Sight | None]:
-        """Read these frames, on all cores, and keep the latest in memory; None for one that is
-        lost.
-        """
+        """Read these frames, on all cores, and keep the latest in memory; None for lost ones."""
         with self._reading:
             missing = [i for i in wanted if i not in self._held]
             self._held.update(zip(missing, core_pool().map(self._sight, missing), strict=True))

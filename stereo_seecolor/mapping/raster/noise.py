@@ -214,9 +214,7 @@ def _noises(std_m: Array, correlation_cells: float, count: int, seed: int = 0) -
 
 
 def averaged(heights: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
-    """Means of blocks of cells x cells of heights (..., H, W), NaN where less than half of one is
-    known.
-    """
+    """Means of cells x cells blocks of heights (..., H, W), NaN if less than half is known."""
     if cells == 1:
         return heights
     rows, columns = (n // cells * cells for n in heights.shape[-2:])

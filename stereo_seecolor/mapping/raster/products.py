@@ -144,8 +144,7 @@ def _write_csv(path: Path, squares: BlockRaster, place: Georeference) -> Path:
         writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
         writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site)])
         for row, column, values in seen:
-            x = grid.west_m + (column + 0.5) * grid.cell_m + place.offset_m[0]
-            y = grid.north_m - (row + 0.5) * grid.cell_m + place.offset_m[1]
+            x, y = grid.moved(place.offset_m).center(column, row)
             writer.writerow(
                 [f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)]
             )

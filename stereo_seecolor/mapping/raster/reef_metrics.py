@@ -92,9 +92,7 @@ ROUGHNESS = ("surface_rugosity", "linear_rugosity", "vector_ruggedness", "height
 
 
 def roughness(heights: Heights, cell_m: float) -> Heights:
-    """(..., 4) the metrics ROUGHNESS of squares of terrain (..., H, W); NaN where too little was
-    seen.
-    """
+    """(..., 4) the metrics ROUGHNESS of squares of terrain (..., H, W); NaN if seen little."""
     if min(heights.shape[-2:]) < 3:
         return np.full((*heights.shape[:-2], len(ROUGHNESS)), np.nan)
     found = _roughness(heights, _plane(heights, cell_m)[2], cell_m)

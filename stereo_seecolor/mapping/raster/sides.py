@@ -33,9 +33,7 @@ def step_m(cell_m: float, std_m: float) -> float:
 def area_over(
     points_m: NDArray[np.floating], triangles: NDArray[np.integer[Any]], grid: Grid
 ) -> Array:
-    """(H, W) square meters of mesh over, and below, each cell. points_m: (V, 3). triangles:
-    (T, 3).
-    """
+    """(H, W) square meters of mesh over each cell. points_m: (V, 3). triangles: (T, 3)."""
     height, width = grid.shape
     over_m2 = np.zeros(height * width)
     for first in range(0, len(triangles), PART):

@@ -304,9 +304,7 @@ def _with_mesh(terrain: Terrain, area: Array, windows: list[Window]) -> Array:
 
 
 def squares_of(terrain: Terrain, edges_m: Sequence[float] = EDGES_M) -> dict[float, list[Window]]:
-    """By the edge, meters, the squares that were seen well enough; edges without one are left
-    out.
-    """
+    """By edge, meters, the squares that were seen well enough; other edges are left out."""
     found = {edge_m: windows_of(terrain.known, terrain.grid.cell_m, edge_m) for edge_m in edges_m}
     return {edge_m: windows for edge_m, windows in found.items() if windows}
 

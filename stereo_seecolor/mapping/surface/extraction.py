@@ -89,9 +89,7 @@ class _Cubes:
 
     @classmethod
     def of(cls, volume: Volume, own: NDArray[np.int64], around: NDArray[np.int32]) -> "_Cubes":
-        """Find the case of each cube; ``numbers`` is 0 on each edge that has a point, -1 on the
-        others.
-        """
+        """The case of each cube; ``numbers`` is 0 on each edge with a point, -1 on others."""
         cases = np.empty(volume.tsdf.shape, np.uint8)
         numbers = np.full((*volume.tsdf.shape, 3), -1, np.int32)
         counts = np.zeros(len(volume.blocks), np.int64)

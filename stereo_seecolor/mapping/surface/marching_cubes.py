@@ -179,9 +179,7 @@ def _slope(wide: Any, at: Any, axis: int) -> Any:
 
 @compiled
 def _mix(a: Any, b: Any, share: Any, color: Any) -> None:
-    """Colors of two voxels; one that was only seen through has none, and must not darken the
-    other's.
-    """
+    """Colors of two voxels; one that was only seen through must not darken the other's."""
     total = max(share[0] + share[1], 1e-12)
     for c in range(3):
         color[c] = np.uint8(min(max((share[0] * a[c] + share[1] * b[c]) / total + 0.5, 0.0), 255.0))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.geometry import inverse
+from calibration.transforms import inverse
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.open3d_library import open3d

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.transforms import inverse
 from stereo_seecolor.compute.threads import in_parts
-from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.surface.extraction import PART_BLOCKS, Volume, extract
 from stereo_seecolor.mapping.surface.kernels import cells_of, in_sight, integrate, windows_of
 from stereo_seecolor.mapping.surface.measured_pixels import MeasuredPixels

@@ -34,9 +34,7 @@ def near_border(points_m: NDArray[np.float32], tiling: Tiling) -> NDArray[np.boo
 
 
 def drop(store: TileStore, tiling: Tiling) -> None:
-    """Remove the islands from the tiles of a store. Raises OutputError if a tile cannot be
-    written.
-    """
+    """Remove the islands from the tiles of a store. Raises OutputError."""
     on_cores = Threads(cores())
     parts = on_cores.each(lambda tile: _TileParts.of(store.load(tile), tiling), tiling.tiles)
 

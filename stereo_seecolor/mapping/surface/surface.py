@@ -10,9 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A triangle mesh. points_m, normals: (V, 3) float32; colors: (V, 3) uint8; triangles: (T, 3)
-    int32.
-    """
+    """A triangle mesh. points_m, normals: (V, 3); colors: (V, 3) uint8; triangles: (T, 3)."""
 
     points_m: NDArray[np.float32]
     normals: NDArray[np.float32]
@@ -27,9 +25,7 @@ class Surface:
 
     @property
     def parts(self) -> NDArray[np.int64]:
-        """The connected part of the surface that each point belongs to: (V,) int64, numbered from
-        0.
-        """
+        """The connected part of the surface that each point is of: (V,) int64, from 0."""
         one, other = self.triangles[:, :2].ravel(), self.triangles[:, 1:].ravel()
         joined, count = np.ones(len(one), np.int8), len(self.points_m)
         edges = csr_array((joined, (one, other)), shape=(count, count))

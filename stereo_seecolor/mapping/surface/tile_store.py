@@ -15,9 +15,7 @@ from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 
 class TileStore:
-    """A folder with one file for each tile; all were made from the same poses, frames and
-    settings.
-    """
+    """A folder with a file a tile; all were made from the same poses, frames and settings."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -107,9 +107,7 @@ def _occupied_blocks(
 
 
 def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) -> NDArray[np.int64]:
-    """Packed coordinates of all blocks within reach of the points (n, 3), at most two along each
-    axis.
-    """
+    """Packed coordinates of blocks within reach of points (n, 3), at most two an axis."""
     low = np.floor((points - reach_m) / block_m).astype(np.int64)
     high = np.floor((points + reach_m) / block_m).astype(np.int64)
     lowest = packed(*low.T)

@@ -110,9 +110,7 @@ def _solved(problem: BundleProblem, state: State, tolerance: float) -> State:
 
 
 def _scales(problem: BundleProblem, state: State, used: tuple[float, float]) -> tuple[float, float]:
-    """Robust standard deviations of the errors of directions and of inverse depths, in stated
-    ones.
-    """
+    """Robust deviations of the errors of directions and of inverse depths, in stated ones."""
     errors, (low, high) = problem.errors(state), SETTINGS.scales
     directions, depths = (
         float(np.clip(deviation_about_zero(part) * by, low, high))

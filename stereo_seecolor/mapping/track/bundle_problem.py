@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csr_array
 
+from calibration.transforms import inverse, rotation_from_vector, rotation_vector, transform_points
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.geometry import inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout
 from stereo_seecolor.mapping.track.image_space import cross, inverses
 from stereo_seecolor.mapping.track.known_points import Known
@@ -241,7 +241,7 @@ class BundleProblem:
         def of(frame: int, T: Array) -> Result:
             row = self._layout.place[frame]
             which = order[row_start[row] : row_start[row + 1]]
-            at = state.points[self.point[which]] @ T[:3, :3].T + T[:3, 3]
+            at = transform_points(T, state.points[self.point[which]])
             ahead = at[:, 2] > 0
             depth = np.where(ahead, at[:, 2], 1.0)[:, None]
             image = np.concatenate([at[:, :2], np.ones_like(depth)], axis=1) / depth
@@ -253,9 +253,7 @@ class BundleProblem:
         return list(core_pool().map(of, range(len(state.T)), inverse(state.T)))
 
     def _eliminate(self, blocks: FrameBlocks, W: Array, V: Array, own_g: Array) -> None:
-        """Take the points' Schur complement off the equations of the frames, of some rows at a
-        time.
-        """
+        """Take the points' Schur complement off the frames' equations, some rows at a time."""
         order, row_start = self._by_block
         points = 3 * len(V)
         from_points = bsr_array(

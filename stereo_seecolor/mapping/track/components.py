@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.geometry import inverse, rotation_vector
+from calibration.transforms import inverse, rotation_vector
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Array = NDArray[np.float64]

@@ -112,8 +112,6 @@ def _mean(values: Map, width: int) -> Map:
 
 
 def _slope(width: int) -> tuple[Map, Map]:
-    """Kernels along and across an axis whose product is the slope of the plane of least squares
-    along it.
-    """
+    """Kernels along and across an axis whose product is the slope of a fitted plane."""
     offsets = np.arange(width, dtype=np.float32) - width // 2
     return offsets / np.float32((offsets**2).sum()), np.full(width, 1 / width, np.float32)

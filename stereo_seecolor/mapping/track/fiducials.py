@@ -72,9 +72,7 @@ class Marks:
 
     @classmethod
     def found(cls, survey: Survey, config: MarkersConfig) -> "Marks":
-        """Find markers in all frames of a survey. Raises InputError for tables that cannot be
-        used.
-        """
+        """Find markers in all frames of a survey. Raises InputError for unusable tables."""
         bars, places = read_known(config)
         look = partial(_sightings, survey.frames, survey.geometry, config.family)
         observations = {}
@@ -211,9 +209,7 @@ def _name(first: int, second: int) -> str:
 
 
 def _spread_check(markers: list[PlacedMarker], places: Places) -> ScaleCheck | None:
-    """How far surveyed places are apart, by the map and as given: the distances from their
-    middle.
-    """
+    """How far surveyed places are apart, by the map and as given: from their middle."""
     own = [marker for marker in markers if marker.number in places.points]
     if len(own) < FEWEST:
         return None

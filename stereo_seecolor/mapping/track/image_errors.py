@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.geometry import pose, rotation_from_vector
+from calibration.transforms import rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Observed, from_plane, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
@@ -90,9 +90,7 @@ class ImageErrors:
 
 
 def find_image_errors(
-    pairs: Sequence[FramePair],
-    geometry: RectifiedPair,
-    less_sharp: LessSharpSide = EQUALLY_SHARP,
+    pairs: Sequence[FramePair], geometry: RectifiedPair, less_sharp: LessSharpSide = EQUALLY_SHARP
 ) -> ImageErrors | None:
     """The errors that explain best what all pairs have in common; None where pairs left out of the
     fit confirm none.
@@ -150,7 +148,9 @@ def _solve(pairs: "Sequence[_WeighedPair]", values: Array, free: slice) -> tuple
             move_by = np.asarray(
                 np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64
             )
-            poses[number] = poses[number] @ pose(rotation_from_vector(move_by[:3]), move_by[3:])
+            poses[number] = poses[number] @ rigid_transform(
+                rotation_from_vector(move_by[:3]), move_by[3:]
+            )
     return values, cost / sum(len(pair.a) for pair in pairs)
 
 
@@ -182,9 +182,7 @@ class _WeighedPair:
 
 @dataclass(frozen=True, eq=False)
 class _ImageErrorNormal:
-    """Normal equations of a pair's pose (6) and of the values that all pairs share; its robust
-    cost.
-    """
+    """Normal equations of a pair's pose (6) and of the shared values; its robust cost."""
 
     H_pose: Array
     H_mixed: Array

@@ -57,9 +57,7 @@ def move(T: Array, points: Array) -> Moved:
 
 
 def _divided(derivative: Array, moved: Array, depth: Array) -> Array:
-    """Of scaled rays, (n, 3, k), to that of the points in image space, but for what 1 / z itself
-    adds.
-    """
+    """Of scaled rays, (n, 3, k), to that of points in image space, but for 1 / z itself."""
     rows = np.concatenate([derivative[:, :2], np.zeros_like(derivative[:, 2:])], axis=1)
     return np.asarray((rows - moved[:, :, None] * derivative[:, 2:]) / depth[:, :, None])
 

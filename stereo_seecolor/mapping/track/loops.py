@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.geometry import inverse, transform_points
+from calibration.transforms import inverse, transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.relative_pose import Edge
 

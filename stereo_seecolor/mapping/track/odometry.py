@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import inverse, nearest_rotation, rigid_transform, transform_points
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transform_points
 from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
@@ -138,9 +138,7 @@ class Track:
         )
 
     def relation(self, edge: Edge) -> tuple[Ends, RelativePose]:
-        """Find what an edge was made from: the positions of its frames, and the points that both
-        show.
-        """
+        """Find what an edge was made from: its frames' positions, and their common points."""
         ends = int(self.survey.index.rank[edge.i]), int(self.survey.index.rank[edge.j])
         relation = self.found[ends]
         assert relation is not None, "it was measured"
@@ -338,5 +336,7 @@ def move_to_priors(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequenc
     positions = np.stack([T[prior.frame, :3, 3] for prior in priors])
     targets = np.stack([prior.T_world_camera[:3, 3] for prior in priors])
     moved = T.copy()
-    moved[frames] = pose(R, targets.mean(axis=0) - R @ positions.mean(axis=0)) @ T[frames]
+    moved[frames] = (
+        rigid_transform(R, targets.mean(axis=0) - R @ positions.mean(axis=0)) @ T[frames]
+    )
     return moved

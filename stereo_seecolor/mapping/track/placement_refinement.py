@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import inverse
 from stereo_seecolor.compute.process import return_freed
-from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import pose_graph
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
+from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Moved, Observed, inverses, move
 from stereo_seecolor.mapping.track.near_matches import match_near
@@ -200,7 +200,7 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
     for _ in range(SETTINGS.rounds):
         squared, H, g = residuals(T, a, b)
         step = np.asarray(np.linalg.solve(H, g), np.float64)
-        T = T @ pose(rotation_from_vector(step[:3]), step[3:])
+        T = T @ rigid_transform(rotation_from_vector(step[:3]), step[3:])
         if np.abs(step).max() < 1e-7:
             break
     kept = np.flatnonzero(squared < SETTINGS.outlier_sigmas**2)
@@ -270,9 +270,9 @@ def _ransac(
     needed = max(SETTINGS.min_inliers, SETTINGS.min_inlier_fraction * len(index_a))
     if not found or inliers is None or len(inliers) < needed:
         return None
-    return inverse(pose(rotation_from_vector(turn.ravel()), shift.ravel())), inliers.ravel().astype(
-        np.int64
-    )
+    return inverse(
+        rigid_transform(rotation_from_vector(turn.ravel()), shift.ravel())
+    ), inliers.ravel().astype(np.int64)
 
 
 def _spread_out(points: Array, geometry: RectifiedPair) -> bool:

@@ -323,9 +323,7 @@ def _step(
 
 
 def _beside(lanes: list[int]) -> list[int]:
-    """Of two blocks end to end: ``lanes``, given for a block's first pixel, for each of its
-    pixels.
-    """
+    """Of two blocks end to end: ``lanes``, of a block's first pixel, for all its pixels."""
     return [pixel * LANES + lane for pixel in range(PIXELS) for lane in lanes]
 
 

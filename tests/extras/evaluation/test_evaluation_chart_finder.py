@@ -129,11 +129,7 @@ def middles(type: ChartType, corners: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("type", "center", "width", "angle_deg"),
-    [
-        (CLASSIC, (160, 0), 130, 185),
-        (CLASSIC, (20, 20), 190, 40),
-        (DKK, (20, 120), 150, 8),
-    ],
+    [(CLASSIC, (160, 0), 130, 185), (CLASSIC, (20, 20), 190, 40), (DKK, (20, 120), 150, 8)],
 )
 def test_a_chart_cut_by_the_border(
     type: ChartType, center: tuple[float, float], width: float, angle_deg: float

@@ -240,8 +240,7 @@ def test_wrong_folders_of_other_tools(
     ):
         evaluate_charts(*folders, others=[tmp_path / "paper"])
     with pytest.raises(
-        InputError,
-        match=r"small/a\.png: is 30x20 px, but its source image is 320x240",
+        InputError, match=r"small/a\.png: is 30x20 px, but its source image is 320x240"
     ):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "small"])
     for folder, names in (("renamed", ["a_enhanced.png"]), ("twice", ["a.png", "a.jpg"])):

@@ -11,7 +11,6 @@ from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.evaluation.spread import ComparedFrame, measure_spread
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
-from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.records import SurveyFrame
 
@@ -30,7 +29,7 @@ def frame(raw_gain: float, shown_gain: float) -> ComparedFrame:
         for gain in (raw_gain, shown_gain)
     )
     std_m, known = (
-        estimated_range_std_m(range_m, RECTIFICATION.pair),
+        RECTIFICATION.pair.estimated_range_std_m(range_m),
         np.isfinite(range_m).astype(np.uint8) * np.uint8(255),
     )
     return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))
@@ -69,7 +68,7 @@ def lit(name: str, border: float, per_m: float) -> ComparedFrame:
     light[..., 0] *= np.where(edge, 1 + border, 1.0) * np.exp(-per_m * np.nan_to_num(range_m))
     raw = np.round(255 * encode_srgb(np.clip(light, 0, 1))).astype(np.uint8)
     std_m, known = (
-        estimated_range_std_m(range_m, RECTIFICATION.pair),
+        RECTIFICATION.pair.estimated_range_std_m(range_m),
         np.isfinite(range_m).astype(np.uint8) * np.uint8(255),
     )
     return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))

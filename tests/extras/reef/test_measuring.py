@@ -30,6 +30,7 @@ from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
 from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
+from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import (
     HOLE_CELLS,
     OF_RELIEF,
@@ -203,7 +204,7 @@ def test_the_noise_of_slopes_adds_nothing_to_an_area() -> None:
 
 def ground(heights_m: np.ndarray, std_m: float = 1e-4) -> Ground:
     """Cells of 1 cm, whose north-west corner lies at (5, 3)."""
-    return Ground(heights_m.astype(np.float32), 5.0, 3.0, 0.01, std_m)
+    return Ground(heights_m.astype(np.float32), Grid(5.0, 3.0, 0.01, heights_m.shape), std_m)
 
 
 def slope(east: float = 0.5, north: float = 0.0) -> Ground:
@@ -239,7 +240,7 @@ def test_a_height_beside_a_hole_carries_a_part_of_the_step_that_it_hides() -> No
     heights = np.zeros((80, 80))
     heights[:, :40] = 0.3
     heights[:40, 40:46] = np.nan
-    terrain = Ground(heights.astype(np.float32), 0.0, 0.8, 0.01, 0.004)
+    terrain = Ground(heights.astype(np.float32), Grid(0.0, 0.8, 0.01, (80, 80)), 0.004)
     rim, inner, low = (terrain.height_std_m(x, 0.6) for x in (0.395, 0.15, 0.465))
     assert rim == pytest.approx(OF_RELIEF * 0.3 * np.exp(-1 / HOLE_CELLS), rel=0.05)
     assert low == pytest.approx(rim, rel=0.05)
@@ -248,8 +249,9 @@ def test_a_height_beside_a_hole_carries_a_part_of_the_step_that_it_hides() -> No
 
 def test_a_height_on_rough_ground_carries_its_roughness() -> None:
     rng = np.random.default_rng(1)
-    rough = Ground(rng.normal(0, 0.02, (60, 60)).astype(np.float32), 0.0, 0.6, 0.01, 0.004)
-    smooth = Ground(0.05 * rough.heights_m, 0.0, 0.6, 0.01, 0.004)
+    heights_m = rng.normal(0, 0.02, (60, 60)).astype(np.float32)
+    rough = Ground(heights_m, Grid(0.0, 0.6, 0.01, (60, 60)), 0.004)
+    smooth = replace(rough, heights_m=0.05 * heights_m)
     assert rough.height_std_m(0.3, 0.3) == pytest.approx(OF_ROUGHNESS * 0.02, rel=0.25)
     assert smooth.height_std_m(0.3, 0.3) < 0.1 * rough.height_std_m(0.3, 0.3)
 
@@ -274,7 +276,7 @@ def test_a_length_along_the_map_puts_back_what_is_smoothed_away() -> None:
 
 @pytest.mark.slow
 def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
-    terrain = Ground(slope(east=0.5).heights_m, 5.0, 3.0, 0.01, 0.004)
+    terrain = replace(slope(east=0.5), std_m=0.004)
     (spot,) = spots(terrain, (5.5, 2.5))
     height_m = PLACE_CELLS * 0.01 * 0.5  # of a slope
     assert spot.covariance[2, 2] == pytest.approx(height_m**2 + (0.5 * 0.002) ** 2, rel=1e-3)
@@ -329,11 +331,11 @@ def bump_on_a_slope() -> tuple[Ground, list[Spot]]:
     y, x = (np.mgrid[:60, :60] + 0.5) * 0.01
     far = np.hypot(x - 0.3, y - 0.3)
     bump = BUMP_HEIGHT_M * np.maximum(1 - (far / BUMP_M) ** 2, 0)
-    ground = Ground((0.3 * x - 0.1 * y + bump).astype(np.float32), 5.0, 3.0, 0.01, STD_M)
+    terrain = ground(0.3 * x - 0.1 * y + bump, STD_M)
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     corners = np.column_stack([5.3 + 0.17 * np.cos(turn), 2.7 + 0.17 * np.sin(turn)])
-    return ground, [
-        spot for x, y in corners.tolist() if (spot := ground.pick(x, y, None, 0.0)) is not None
+    return terrain, [
+        spot for x, y in corners.tolist() if (spot := terrain.pick(x, y, None, 0.0)) is not None
     ]
 
 
@@ -351,7 +353,9 @@ def test_a_volume_is_that_of_a_paraboloid_and_its_error_that_of_heights() -> Non
         return np.array([found.value])
 
     heights = ground.heights_m.astype(np.float64)
-    spread = spread_of(measured, heights, np.full_like(heights, STD_M), ALIKE_M / ground.cell_m)
+    spread = spread_of(
+        measured, heights, np.full_like(heights, STD_M), ALIKE_M / ground.grid.cell_m
+    )
     assert volume.std == pytest.approx(spread[0], rel=0.4)  # 24 draws know it to 15 %
 
 
@@ -608,10 +612,7 @@ DAMAGED = json.dumps(
         ("{}", "is not a file of measures as the page saves it"),
         ("[1]", "is not a file of measures as the page saves it"),
         ('{"format": "stereo-seecolor measures 1"}', "dive: "),
-        (
-            DAMAGED,
-            "measure 3 is damaged",
-        ),
+        (DAMAGED, "measure 3 is damaged"),
     ],
 )
 def test_a_file_of_measures_that_cannot_be_used_is_named(

@@ -10,14 +10,11 @@ import pytest
 
 from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.ground_volume import volume_above
-from stereo_seecolor.extras.reef.lengths_and_areas import (
-    along_surface,
-    length_along,
-    surface_area,
-)
+from stereo_seecolor.extras.reef.lengths_and_areas import along_surface, length_along, surface_area
 from stereo_seecolor.extras.reef.map_ground import Ground
 from stereo_seecolor.extras.reef.picking import FrameSurface
 from stereo_seecolor.extras.reef.polygons import crosses_itself
+from stereo_seecolor.mapping.raster.grid import Grid
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 PLACES = [(30.0, 20.0), (120.0, 24.0), (110.0, 100.0), (36.0, 96.0)]
@@ -84,7 +81,7 @@ def reef() -> Ground:
     ) * np.cos(30 * y)
     heights[30:38, 5:20] = np.nan
     sides = x > 0.5  # were seen on one half
-    return Ground(heights, 0.0, 1.0, 0.02, 0.004, sides)
+    return Ground(heights, Grid(0.0, 1.0, 0.02, (50, 50)), 0.004, sides)
 
 
 @pytest.fixture(scope="module")

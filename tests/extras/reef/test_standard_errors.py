@@ -1,6 +1,7 @@
 """A small form of benchmarks/standard_errors.py: three frames of the sample dive, and its map."""
 
 import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from conftest import SampleRun
 
 ROOT = Path(__file__).resolve().parents[3]
 REEF = ROOT / "data_samples/reef"
+sys.path.append(str(ROOT / "benchmarks"))  # scripts import each other
 BENCHMARK = runpy.run_path(str(ROOT / "benchmarks/standard_errors.py"))
 
 

@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, write_bag
 
-from calibration import RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -39,7 +38,7 @@ from stereo_seecolor.extras.streams.live.sources import source_of
 from stereo_seecolor.extras.streams.mcap_recording import TOPICS
 from stereo_seecolor.files.previews import range_picture
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.matching.reduced import ReducedMatcher, smaller
+from stereo_seecolor.matching.reduced import ReducedMatcher
 from stereo_seecolor.pipeline import Pipeline
 
 
@@ -311,10 +310,7 @@ def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
         None,
     )
     code, _, said = cli("live", "--source", folder, "--left", folder, *calib)
-    assert (code, "--source names both sides: omit --left, --right and --bag" in said) == (
-        2,
-        True,
-    )
+    assert (code, "--source names both sides: omit --left, --right and --bag" in said) == (2, True)
 
 
 @pytest.mark.slow
@@ -514,18 +510,6 @@ def test_a_reduced_pair_has_nearly_the_same_ranges(make_dive, shrink: int) -> No
     assert both.mean() > 0.5
     assert np.median(np.abs(found.range_m / full.range_m - 1)[both]) < 0.02
     assert np.median(np.abs(found.disparity - full.disparity)[both]) < 1.0
-
-
-def test_a_geometry_keeps_its_rays_at_a_smaller_size() -> None:
-    pair = RectifiedPair(600.0, 320.2, 318.0, 251.7, 0.12, (643, 501))
-    small = smaller(pair, 2)
-    assert small.image_size == (321, 250)
-    # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
-    center = np.array([10.5, 20.5])
-    rays = (center - (pair.cx_left_px, pair.cy_px)) / pair.focal_px
-    np.testing.assert_allclose(
-        (np.array([5, 10]) - (small.cx_left_px, small.cy_px)) / small.focal_px, rays
-    )
 
 
 def watch_dive(root: Path) -> Pair:

@@ -5,7 +5,7 @@ and light adds up.
 import numpy as np
 import pytest
 
-from stereo_seecolor.extras.synthetic.measured_waters import (
+from benchmarks.measured_waters import (
     WAVELENGTH_NM,
     Contents,
     Kind,

@@ -213,16 +213,12 @@ def _fit(color: Array, published: Array, error: Array) -> tuple[Array, Array]:
 
 
 def _with_haze(color: Array, haze: Array) -> list[Array]:
-    """The colors with an offset ``haze`` (3,) in one channel at a time, scaled so that white stays
-    white.
-    """
+    """The colors with an offset ``haze`` (3,), one channel at a time, white kept white."""
     return [(color + left) / (1 + left) for left in np.diag(haze)]
 
 
 def _row(i: int, color: Array, published: Array, error: Array) -> tuple[Array, Array]:
-    """Row i and its standard errors, from published_i - color_i = sum over j of m_ij (color_j -
-    color_i).
-    """
+    """Row i and its errors, of published_i - color_i = sum of m_ij (color_j - color_i)."""
     others = [j for j in range(3) if j != i]
     X, y = color[:, others] - color[:, [i]], published[:, i] - color[:, i]
     entries, covariance = _ridge(X, y, error**2)
@@ -247,9 +243,7 @@ def _allowed(i: int, change: Array) -> float:
 
 
 def _ridge(X: Array, y: Array, variance: Array) -> tuple[Array, Array]:
-    """Ridge regression of y, with these variances, on the columns of X: coefficients and
-    covariance.
-    """
+    """Ridge regression of y, with these variances, on columns X: coefficients, covariance."""
     covariance: Array = np.linalg.inv(
         X.T @ (X / variance[:, None]) + np.eye(X.shape[1]) / SETTINGS.entry**2
     ).astype(np.float64)

@@ -4,10 +4,7 @@ matched filters.
 
 import numpy as np
 
-from stereo_seecolor.extras.evaluation.charts.chart_types import (
-    CHART_TYPES,
-    FoundChart,
-)
+from stereo_seecolor.extras.evaluation.charts.chart_types import CHART_TYPES, FoundChart
 from stereo_seecolor.extras.evaluation.charts.flat_patches import flat_patches
 from stereo_seecolor.extras.evaluation.charts.lattices import lattices
 from stereo_seecolor.extras.evaluation.charts.reading import read_lattice

@@ -113,30 +113,13 @@ them (columns H to E of "SpyderCheckr Color Data V2").
 """
 
 CLASSIC = ChartType(
-    "ColorChecker Classic",
-    CLASSIC_SRGB / 255,
-    _grid(6, (1, 1, 1, 1)),
-    (6, 4),
-    0.3,
-    slice(18, 24),
+    "ColorChecker Classic", CLASSIC_SRGB / 255, _grid(6, (1, 1, 1, 1)), (6, 4), 0.3, slice(18, 24)
 )
 
-DKK = ChartType(
-    "DGK / DKK 18",
-    DKK_SRGB / 255,
-    _grid(6, (2, 1, 1)),
-    (6, 4),
-    0.2,
-    slice(0, 6),
-)
+DKK = ChartType("DGK / DKK 18", DKK_SRGB / 255, _grid(6, (2, 1, 1)), (6, 4), 0.2, slice(0, 6))
 
 SPYDER = ChartType(
-    "SpyderCheckr 24",
-    SPYDER_SRGB / 255,
-    _grid(6, (1, 1, 1, 1)),
-    (6, 4),
-    0.3,
-    slice(18, 24),
+    "SpyderCheckr 24", SPYDER_SRGB / 255, _grid(6, (1, 1, 1, 1)), (6, 4), 0.3, slice(18, 24)
 )
 
 CHART_TYPES = (CLASSIC, DKK, SPYDER)

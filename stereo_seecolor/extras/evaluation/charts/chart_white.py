@@ -223,9 +223,7 @@ class ChartWhite:
 
     @property
     def residuals_deg(self) -> tuple[float, ...]:
-        """The angle between each target's white, with the water removed, and the survey's,
-        degrees.
-        """
+        """The angle between each target's white, without the water, and the survey's, degrees."""
         return tuple(float(gray_angle_deg(np.exp(one.white - self.white))) for one in self.seen)
 
     def set_in(self, water: Water) -> Water:

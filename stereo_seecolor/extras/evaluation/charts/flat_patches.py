@@ -79,9 +79,7 @@ def _resized(levels: Levels, factor: float) -> Levels:
 
 
 def flat_regions(picture: Levels) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """(H, W) number of the flat region of each pixel, 0 for none; and (N, 5) box and area of each
-    region.
-    """
+    """(H, W) each pixel's flat region, 0 for none; (N, 5) box and area of each region."""
     edge = _edges(picture)
     flat = edge < PATCH_LIMITS.flat * cv2.blur(
         edge, (PATCH_LIMITS.window_px, PATCH_LIMITS.window_px)

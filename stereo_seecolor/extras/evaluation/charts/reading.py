@@ -128,9 +128,7 @@ def _places(lattice: Lattice, type: ChartType) -> Iterator[_Place]:
 
 
 def _first_look(seen: Array, place: _Place, type: ChartType) -> float:
-    """Correlation times the square root of the number of patches: fewer patches correlate by
-    chance.
-    """
+    """Correlation times the root of the number of patches: fewer correlate by chance."""
     known = place.patches >= 0
     each = correlations(seen[known][None], type.srgb[place.patches[known]])[0]
     return float(each.mean() * np.sqrt(known.sum()))
@@ -194,9 +192,7 @@ def _seen(pixels: Array, first: NDArray[np.bool_], type: ChartType) -> NDArray[n
 
 
 def _fitted(values: Array, reference: Array, all_references: Array) -> Array:
-    """(N, 3) the published colors, with the factor and offset of each channel that fit ``values``
-    best.
-    """
+    """(N, 3) published colors, with the factor and offset a channel that fit ``values``."""
     middle, mean = reference.mean(axis=0), values.mean(axis=0)
     centered = reference - middle
     factor = (centered * (values - mean)).sum(axis=0) / np.maximum((centered**2).sum(axis=0), 1e-9)
@@ -225,9 +221,7 @@ def _score(pixels: Array, reference: Array) -> float:
 
 
 def _differences(values: Array) -> Array:
-    """(N, C) differences of each channel and the next, after each is normalized to mean 0 and
-    spread 1.
-    """
+    """(N, C) differences of neighboring channels, each normalized to mean 0, spread 1."""
     same = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-9)
     return np.asarray(same - np.roll(same, 1, axis=1), np.float64)
 

@@ -212,9 +212,7 @@ def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, N
 def score_target(
     frame: str, target: Target, method: str, result: NDArray[np.float64], range_m: Map
 ) -> ChartRow:
-    """A method's scores on a target. Patches without a known pixel are left out; NaN where all
-    are.
-    """
+    """A method's scores on a target. Unknown patches are left out; NaN where all are."""
     colors = [result[patch] for patch in target.patches]
     grays = colors if target.type is None else colors[target.type.grays]
     whole = np.concatenate(colors)

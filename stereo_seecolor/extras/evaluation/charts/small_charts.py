@@ -81,9 +81,7 @@ _BORDER = 0.1
 
 
 def small_charts(picture: Floats, types: Sequence[ChartType]) -> Iterator[FoundChart]:
-    """Every chart of these types in (H, W, 3) encoded, fractions of full scale; several outlines of
-    each.
-    """
+    """Every chart of these types in (H, W, 3) encoded; several outlines of each."""
     places = list(chart_places(picture, types))
     for type in types:
         yield from _at(picture, type, [place for of, place in places if of is type])

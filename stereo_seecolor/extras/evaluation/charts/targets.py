@@ -112,9 +112,7 @@ def neutral(name: str, polygon: NDArray[np.floating], image: Image, range_m: Map
 
 
 def spot(name: str, kind: str, at: NDArray[np.floating], shape: tuple[int, ...]) -> Target:
-    """A spot of white or sand around a pixel (x, y): a square that is a hundredth of the image's
-    width.
-    """
+    """A spot of white or sand around a pixel (x, y): a square of 1 % of the image's width."""
     half = max(SPOT * shape[1] / 2, 2.0)
     return Target(
         name,

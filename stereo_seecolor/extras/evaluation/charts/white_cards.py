@@ -26,9 +26,7 @@ from stereo_seecolor.records import Image
 
 @dataclass(frozen=True)
 class CardLimits:
-    """Limits of a card. Lengths without a unit are fractions of its side (the square root of its
-    area).
-    """
+    """Limits of a card. Lengths without unit are fractions of its side."""
 
     area_px: tuple[int, int] = (60, 900)
     """Least and largest area of its flat part, in an image that is halved until it is so small:
@@ -97,9 +95,7 @@ def white_cards(image: Image) -> tuple[Array, ...]:
 
 
 def _flat_quadrangles(picture: Floats) -> Iterator[Array]:
-    """Rough corners of flat regions with four corners, widened to their outlines; the smallest
-    first.
-    """
+    """Rough corners of four-cornered flat regions, widened to their outlines; smallest first."""
     for sized, pixel in pyramid(picture):
         if pixel >= 1:
             for corners in _quadrangles_of_size(sized):
@@ -199,9 +195,7 @@ def _side(light: Floats, start: Array, end: Array, reach_px: float) -> Array | N
 
 
 def _is_card(light: Floats, corners: Array) -> bool:
-    """Whether the region is brighter than its surroundings along all four sides, and even
-    inside.
-    """
+    """Whether the region is brighter than what surrounds all four sides, and even inside."""
     middle, offset_px = corners.mean(axis=0), np.clip(0.06 * _size(corners), 2, 6)
     for start, end in _sides(corners):
         across = np.array([-(end - start)[1], (end - start)[0]]) / np.hypot(*(end - start))

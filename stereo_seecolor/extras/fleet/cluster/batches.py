@@ -74,9 +74,7 @@ class Batches(Generic[Item]):
 
 
 def named(batch: Sequence[Any]) -> str:
-    """A name for a batch in messages: of its first and last pair, if it holds pairs or groups of
-    pairs.
-    """
+    """A name for a batch in messages: of its first and last pair, if it holds any."""
     ends = [
         item[end] if isinstance(item, list) else item
         for item, end in ((batch[0], 0), (batch[-1], -1))

@@ -64,9 +64,7 @@ class JobFile(BaseModel):
             ) from error
 
     def arguments(self) -> dict[str, Any]:
-        """Arguments for a class of dask-jobqueue: one process for each job, with a thread for each
-        core.
-        """
+        """Arguments for dask-jobqueue: one process a job, with a thread for each core."""
         own = {
             "cores": self.cores,
             "memory": self.memory,

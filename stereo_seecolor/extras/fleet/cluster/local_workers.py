@@ -176,9 +176,7 @@ def _wait_for_threads() -> None:
 
 
 def _replace_lost(running: set[int], orders: Orders) -> None:
-    """Start workers in place of those that have ended. running: process numbers of the workers;
-    changed.
-    """
+    """Start workers for those that have ended. running: their process numbers; changed."""
     running -= {pid for pid in running if os.waitpid(pid, os.WNOHANG)[0]}
     while len(running) < orders.workers:
         pid = os.fork()

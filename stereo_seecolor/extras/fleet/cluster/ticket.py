@@ -46,9 +46,7 @@ class Probe:
 
 @dataclass(frozen=True)
 class Ticket:
-    """Facts of the client. versions: see ``versions``. folder: its working folder, for relative
-    paths.
-    """
+    """Facts of the client. versions: see ``versions``. folder: its working folder."""
 
     versions: tuple[tuple[str, str], ...]
     folder: Path

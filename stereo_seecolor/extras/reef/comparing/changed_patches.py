@@ -71,9 +71,7 @@ class ChangedPatch:
 def height_patches(
     difference: Difference, surface: SurfaceDistances, cell_m: float
 ) -> list[tuple[Kind, Mask]]:
-    """Growth and loss whose volume is sure, and which the distances along the normal (H, W) show
-    too.
-    """
+    """Growth and loss of sure volume, which the distances along the normal (H, W) show too."""
     with np.errstate(invalid="ignore"):
         clear = np.abs(difference.dz_m) > difference.lod_m
     known = clear & np.isfinite(surface.distance_m)

@@ -196,9 +196,7 @@ def _sharing(dz: Array, std: Array, stable: Mask) -> Array:
 
 
 def _changed(dz: Array, std: Array, stable: Mask) -> Mask:
-    """Where the mean over a window is further off than such means are on stable ground; and around
-    that.
-    """
+    """Where a window's mean is further off than on stable ground; and around that."""
     z = _significance(dz, std, stable, SETTINGS.window_cells)
     return _around(np.abs(z) > SETTINGS.change_sigmas)
 

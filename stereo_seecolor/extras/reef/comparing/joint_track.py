@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import transform_points
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.site_surface import Site
-from stereo_seecolor.geometry import transform_points
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import ReadableFrames
@@ -31,9 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointSettings:
-    """How far the first survey may give way, and when its frames are taken to constrain the
-    second's.
-    """
+    """How far the first survey may give way, and when its frames constrain the second's."""
 
     position_std_m: float = 2e-4  # of the first's frames: its map is there, and stays
     attitude_std_rad: float = 1e-4

@@ -47,14 +47,9 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
     known = photo.gray > 0
     contrast = local_contrast(photo.gray, 1.0)
     mask = cv2.erode(
-        known.astype(np.uint8),
-        np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8),
-        borderValue=0,
+        known.astype(np.uint8), np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8), borderValue=0
     )
-    count = min(
-        SETTINGS.most,
-        round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2),
-    )
+    count = min(SETTINGS.most, round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2))
     pixels, descriptors = keypoints(contrast, mask, max(count, 100))
     if not len(pixels):
         return Landmarks(np.zeros((0, 3)), descriptors)
@@ -68,11 +63,7 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
 
 def _places(photo: Orthophoto, terrain: Terrain, pixels: Array) -> Array:
     """(n, 3) of pixels (n, 2); heights between the terrain's cells, NaN beside a hole."""
-    grid = photo.grid
-    x, y = (
-        grid.west_m + (pixels[:, 0] + 0.5) * grid.cell_m,
-        grid.north_m - (pixels[:, 1] + 0.5) * grid.cell_m,
-    )
+    x, y = photo.grid.center(*pixels.T)
     at = terrain.grid.pixels(np.stack([x, y], axis=-1)).astype(np.float32)
     outside = float("nan")
     z = cv2.remap(

@@ -77,9 +77,7 @@ def relearned(distances: SurfaceDistances, stable: NDArray[np.bool_]) -> Surface
 
 
 def _along(points: Array, core: Array, normals: Array, cell_m: float) -> tuple[Array, Array]:
-    """Mean along the normal of the neighbors (N, k, 3) within the cylinder, and how many those
-    are.
-    """
+    """Mean along the normal of the neighbors (N, k, 3) in the cylinder, and their number."""
     offset = points - core[:, None]
     along = np.einsum("nki,ni->nk", offset, normals)
     across = np.linalg.norm(offset - along[..., None] * normals[:, None], axis=-1)

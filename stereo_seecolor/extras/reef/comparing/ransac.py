@@ -13,11 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.resampling import jackknife
-from stereo_seecolor.geometry import (
-    rigid_alignment,
-    scale_of,
-    similarity_alignment,
-)
+from calibration.transforms import rigid_alignment, scale_of, similarity_alignment
 
 Array = NDArray[np.float64]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import scale_of, transform_points
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.extras.reef.comparing.landmarks import Landmarks, landmarks, matched
 from stereo_seecolor.extras.reef.comparing.orthophoto import orthophoto
@@ -14,7 +15,6 @@ from stereo_seecolor.extras.reef.comparing.ransac import SimilarityFit, similari
 from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
 from stereo_seecolor.extras.reef.site_surface import Site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
-from stereo_seecolor.geometry import scale_of, transform_points
 
 Array = NDArray[np.float64]
 
@@ -92,9 +92,7 @@ class Registration:
 
 
 def register(a: Site, b: Site, cell_m: float) -> Registration:
-    """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be
-    relied on.
-    """
+    """Place b in a's coordinates. Raises ComparingError, with the evidence, if unsure."""
     found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
     coarse = similarity_fit(*found, SETTINGS.tolerance_cells * cell_m)

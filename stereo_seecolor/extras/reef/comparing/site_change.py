@@ -152,9 +152,7 @@ def _surface(
     errors: tuple[TerrainErrors, TerrainErrors],
     difference: Difference,
 ) -> SurfaceDistances:
-    """Distances at the cells of the terrain; errors grow as those of the heights do on stable
-    ground.
-    """
+    """Distances at the cells of the terrain; errors grow as heights' do on stable ground."""
     shape, known = before.grid.shape, np.isfinite(difference.dz_m)
     stds = errors[0].std_m[known], errors[1].std_m[known], difference.shared_std_m[known]
     inflated = (difference.inflation * stds[0], difference.inflation * stds[1], stds[2])
@@ -185,11 +183,12 @@ def _patch(
         else (float("nan"), float("nan"))
     )
     lightness, chroma = np.nanmean(color.change[mask], axis=0)
+    x_m, y_m = grid.center(float(columns.mean()), float(rows.mean()))
     return ChangedPatch(
         number=number,
         kind=kind,
-        x_m=float(grid.west_m + (columns.mean() + 0.5) * grid.cell_m + offset_m[0]),
-        y_m=float(grid.north_m - (rows.mean() + 0.5) * grid.cell_m + offset_m[1]),
+        x_m=x_m + offset_m[0],
+        y_m=y_m + offset_m[1],
         area_cm2=1e4 * float(mask.sum()) * grid.cell_m**2,
         mean_m=float(dz.mean()) if len(dz) else float("nan"),
         most_m=float(dz[np.abs(dz).argmax()]) if len(dz) else float("nan"),

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibration.robust_statistics import TUKEY, biweight, deviation
+from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
-from stereo_seecolor.geometry import rotation_from_vector, transform_points
 
 Array = NDArray[np.float64]
 
@@ -89,9 +89,7 @@ def _ground(mesh: SiteMesh) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Distances:
-    """Points (n, 3), how far each lies below the other surface, along its normal, and what each
-    weighs.
-    """
+    """Points (n, 3), how far each lies below the other surface along its normal, weights."""
 
     points: Array
     normals: Array
@@ -118,9 +116,7 @@ class _Distances:
         return float(np.ptp(self.points, axis=0).max())
 
     def normal_equations(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(6, 6) and (6,) of the turn about the center and the shift that take the distances
-        out.
-        """
+        """(6, 6) and (6,) of the turn about the center and the shift that undo the distances."""
         arm = self.points[chosen] - self.center_m
         J = np.concatenate([np.cross(arm, self.normals[chosen]), self.normals[chosen]], axis=1)
         weighted = J * self.weight[chosen, None]
@@ -128,10 +124,8 @@ class _Distances:
 
     def moved(self, T: Array, step: Array) -> Array:
         """T followed by a step about the center."""
-        turn = np.eye(4)
-        turn[:3, :3] = rotation_from_vector(step[:3])
-        turn[:3, 3] = self.center_m - turn[:3, :3] @ self.center_m + step[3:]
-        return np.asarray(turn @ T)
+        R = rotation_from_vector(step[:3])
+        return np.asarray(rigid_transform(R, self.center_m - R @ self.center_m + step[3:]) @ T)
 
     def covariance(self) -> Array:
         """(6, 6) by leaving out one block of ground at a time."""

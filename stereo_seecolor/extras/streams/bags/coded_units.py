@@ -53,9 +53,7 @@ class Coded:
 
 
 class Units:
-    """Looks at the messages of one topic, in the order in which they were sent. codec: H264 or
-    H265.
-    """
+    """Looks at the messages of one topic, in the order of sending. codec: H264 or H265."""
 
     def __init__(self, codec: str) -> None:
         self._codec = codec

@@ -17,14 +17,7 @@ from numpy.typing import NDArray
 from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.bags.bag import (
-    IMAGES,
-    VIDEOS,
-    Bag,
-    Topic,
-    files_of,
-    open_bag,
-)
+from stereo_seecolor.extras.streams.bags.bag import IMAGES, VIDEOS, Bag, Topic, files_of, open_bag
 from stereo_seecolor.extras.streams.bags.coded_video import (
     CodedVideo,
     open_video,

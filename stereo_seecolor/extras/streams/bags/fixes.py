@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform, rotation_from_quaternion
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import FIX, IMU, PRESSURE, Bag, Entry
 from stereo_seecolor.extras.streams.bags.messages import decode
-from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.vehicle_track import from_degrees
 from stereo_seecolor.records import GeoOrigin
 
@@ -75,7 +75,9 @@ def fixed_track(bag: Bag) -> FixedTrack | None:
     depth_m = _depth_m(
         bag, times_ns, np.array([message.altitude for _, message in known], np.float64)
     )
-    T = pose(_attitude(imu, times_ns), np.column_stack([north_east_m[:, ::-1], -depth_m]))
+    T = rigid_transform(
+        _attitude(imu, times_ns), np.column_stack([north_east_m[:, ::-1], -depth_m])
+    )
     frames = (decode(entry).header.frame_id.lstrip("/") for entry in (fixes[0], imu[0]))
     return FixedTrack(times_ns / 1e9, T, origin, *frames)
 
@@ -134,9 +136,7 @@ def _depth_m(bag: Bag, times_ns: NDArray[np.int64], altitude_m: Array) -> Array:
 
 
 def _around(entries: Sequence[Entry], times_ns: NDArray[np.int64]) -> list[Entry]:
-    """The messages before and after each time, each once and with a time of its own, by their
-    stamps.
-    """
+    """The messages before and after each time, each once, by their stamps."""
     stamps = [entry.stamp_ns for entry in entries]
     wanted = {
         at

@@ -21,14 +21,7 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 MAX_DECLARATION_BYTES = 1 << 22
 """Schemas and channels hold definitions of messages: some kB."""
 
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = (
-    0x02,
-    0x03,
-    0x04,
-    0x05,
-    0x06,
-    0x0F,
-)
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = (0x02, 0x03, 0x04, 0x05, 0x06, 0x0F)
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 

@@ -232,9 +232,7 @@ def _pixels(message: Any, where: str) -> NDArray[Any]:
 
 
 def camera_info(message: Any) -> dict[str, Any]:
-    """A sensor_msgs/CameraInfo as its dump in YAML; ROS 1 writes D, K, R, P and ROS 2 d, k, r,
-    p.
-    """
+    """A sensor_msgs/CameraInfo as its dump in YAML; ROS 1 writes D, K, R, P, ROS 2 d, k, r, p."""
     content = {
         name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist()  # type: ignore[union-attr]
         for name in "dkrp"

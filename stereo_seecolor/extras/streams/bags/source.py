@@ -49,9 +49,7 @@ class Chunk(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A message that was found: when it was recorded, where it lies, and a way to its first
-    bytes.
-    """
+    """A message that was found: when it was recorded, where, and a way to its first bytes."""
 
     channel: Channel
     time_ns: int

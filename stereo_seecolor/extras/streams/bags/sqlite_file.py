@@ -5,11 +5,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from stereo_seecolor.extras.streams.bags.source import (
-    Channel,
-    Message,
-    Place,
-)
+from stereo_seecolor.extras.streams.bags.source import Channel, Message, Place
 
 SQLITE_MAGIC = b"SQLite format 3\x00"
 HEAD_BYTES = 64

@@ -6,12 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.streams.bags.bag import (
-    TRANSFORMS,
-    Bag,
-)
+from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
+from stereo_seecolor.extras.streams.bags.bag import TRANSFORMS, Bag
 from stereo_seecolor.extras.streams.bags.messages import decode
-from stereo_seecolor.geometry import pose, rotation_from_quaternion
 
 Array = NDArray[np.float64]
 Frames = dict[str, list[tuple[str, Array]]]
@@ -30,11 +27,9 @@ def static_frames(bag: Bag) -> Frames:
                     item.transform,
                 )
                 t = move.translation
-                T = pose(
-                    rotation_from_quaternion([xyzw(move.rotation)]), np.array([[t.x, t.y, t.z]])
-                )[0]
+                T = rigid_transform(rotation_from_quaternion(xyzw(move.rotation)), (t.x, t.y, t.z))
                 frames.setdefault(parent, []).append((child, T))
-                frames.setdefault(child, []).append((parent, np.linalg.inv(T)))
+                frames.setdefault(child, []).append((parent, inverse(T)))
     return frames
 
 

@@ -110,9 +110,7 @@ def _listed(images: Sequence[Topic]) -> str:
 
 
 def _are_sides(left: Topic, right: Topic) -> bool:
-    """True where the names differ in one part alone (or in several alike), which tells the side of
-    each.
-    """
+    """True where the names differ in one part alone, which tells the side of each."""
     parts = left.name.split("/"), right.name.split("/")
     if len(parts[0]) != len(parts[1]) or left.msgtype != right.msgtype:
         return False

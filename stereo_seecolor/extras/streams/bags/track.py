@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.transforms import rigid_transform, rotation_from_quaternion
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import FIX, POSES, Bag, Topic, open_bag
@@ -19,7 +20,6 @@ from stereo_seecolor.extras.streams.bags.fixes import fixed_track
 from stereo_seecolor.extras.streams.bags.messages import decode, frame_of
 from stereo_seecolor.extras.streams.bags.static_transforms import between, static_frames, xyzw
 from stereo_seecolor.extras.streams.bags.topics import side_topics
-from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotation
 from stereo_seecolor.records import Trajectory
 
@@ -52,16 +52,14 @@ def read_track(path: Path, mount: MountConfig) -> Trajectory:
     rows = np.array(
         [(p.position.x, p.position.y, p.position.z, *xyzw(p.orientation)) for p in found]
     )
-    T_world_body = pose(rotation_from_quaternion(rows[:, 3:]), rows[:, :3])
+    T_world_body = rigid_transform(rotation_from_quaternion(rows[:, 3:]), rows[:, :3])
     T = T_world_body @ _body_from_camera(bag, getattr(messages[0], "child_frame_id", ""), mount)
     times_s = np.array([entry.stamp_ns / 1e9 for entry in entries])
     return replace(Trajectory(("",) * len(T), times_s, T), camera="raw")
 
 
 def _by_fixes(bag: Bag, mount: MountConfig) -> Trajectory:
-    """The camera's track by satellite fixes and attitude. Raises InputError if the bag holds
-    none.
-    """
+    """The camera's track by satellite fixes and attitude. Raises InputError without any."""
     track = fixed_track(bag)
     if track is None:
         raise InputError(
@@ -96,10 +94,9 @@ def _body_from_camera(bag: Bag, body: str, mount: MountConfig) -> Array:
     found = between(static_frames(bag), body, camera)
     if found is not None:
         return found
-    T = np.eye(4)
-    T[:3, :3] = FORWARD_LEFT_UP @ mount_rotation(mount)
-    T[:3, 3] = FORWARD_LEFT_UP @ mount_offset_m(mount)
-    return T
+    return rigid_transform(
+        FORWARD_LEFT_UP @ mount_rotation(mount), FORWARD_LEFT_UP @ mount_offset_m(mount)
+    )
 
 
 def _camera_frame(bag: Bag) -> str:

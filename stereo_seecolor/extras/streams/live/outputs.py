@@ -76,9 +76,7 @@ def published(namespace: str, geometry: RectifiedPair) -> Callable[[LiveFrame], 
 
 
 def recorder(file: McapRecording) -> Callable[[LiveFrame], None]:
-    """A function that adds a pair to a recording, its corrected image as JPEG; it raises
-    OutputError.
-    """
+    """A function that adds a pair to a recording, its image as JPEG; raises OutputError."""
     numbers = count()
     return lambda frame: file.add(recorded_live(frame, next(numbers)))
 

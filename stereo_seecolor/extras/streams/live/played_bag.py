@@ -45,9 +45,7 @@ class PlayedBag:
         return self._next >= len(self._pairs)
 
     def newest(self) -> Pair | None:
-        """The newest pair that has arrived and was not taken; the first arrives with the first
-        call.
-        """
+        """The newest pair that has arrived and was not taken; the first by the first call."""
         now_s = self._clock()
         self._began_s = now_s if self._began_s is None else self._began_s
         arrived = bisect_right(self._arrivals_s, now_s - self._began_s)

@@ -87,9 +87,7 @@ class TopicImages(ImageStream):
         self._reader = node.reader(topic, self._msgtype)
 
     def receive(self) -> None:
-        """Add the images that have arrived. ``waiting`` names the topic while nobody publishes
-        it.
-        """
+        """Add the images that have arrived. ``waiting`` names a topic that nobody publishes."""
         for sample in self._reader.take(N=HISTORY):
             content = getattr(sample, "cdr", b"")
             if len(content) < 12:

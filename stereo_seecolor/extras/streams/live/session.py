@@ -36,9 +36,7 @@ LATENCIES = 1000
 
 
 class LiveSource(Protocol):
-    """A source of pairs, of which only the newest is processed. dropped: pairs skipped for newer
-    ones.
-    """
+    """A source of pairs, of which the newest is processed. dropped: pairs skipped."""
 
     dropped: int
 
@@ -127,9 +125,7 @@ class LiveSession:
     _tried: tuple[str, float] = ("", 0.0)
 
     def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
-        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; returns the
-        counts.
-        """
+        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; the counts."""
         try:
             while not (ended(self.counts) or self.source.ended):
                 if not self.step():

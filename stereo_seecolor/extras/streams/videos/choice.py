@@ -31,9 +31,7 @@ SAME_RATE = 0.005
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Numbers of the frames that are pairs, left ones in rising order. notes: how that was
-    decided.
-    """
+    """Numbers of the frames that are pairs, left ones rising. notes: how it was decided."""
 
     left: tuple[int, ...]
     right: tuple[int, ...]
@@ -98,9 +96,7 @@ def _chosen(
     config: InputConfig,
     notes: tuple[str, ...],
 ) -> FrameChoice:
-    """Without blurred frames, if that is asked for; of the rest by overlap, or the first of every
-    n.
-    """
+    """Without blurred frames, if asked for; the rest by overlap, or the first of every n."""
     if config.video_skip_blurred:
         sharp = ~(_blurred(signals[0])[pairs[:, 0]] | _blurred(signals[1])[pairs[:, 1]])
         notes = (

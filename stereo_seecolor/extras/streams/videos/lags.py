@@ -151,9 +151,7 @@ def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:
 
 
 def _correlations(first: Array, second: Array) -> tuple[Array, Array]:
-    """(lags in steps, correlation) of all lags with enough overlap: second[i + lag] against
-    first[i].
-    """
+    """(lags in steps, correlation) of all lags with enough overlap: second[i + lag], first[i]."""
     n, m = len(first), len(second)
     size = 1 << (n + m - 1).bit_length()
 
@@ -190,9 +188,7 @@ def _runner_up(correlation: Array, best: int) -> float:
 
 
 def _standard_errors(jacobian: Array, residuals: Array, quantities: int) -> Array:
-    """Standard errors of a least-squares fit whose residuals, in time, are alike from one to the
-    next.
-    """
+    """Standard errors of a least-squares fit whose residuals are correlated in time."""
     rows = residuals.reshape(-1, quantities)
     rho = float(np.clip((rows[1:] * rows[:-1]).sum() / max((rows**2).sum(), 1e-12), 0.0, 0.95))
     variance = (

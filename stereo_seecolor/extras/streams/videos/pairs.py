@@ -39,9 +39,7 @@ class Videos:
 
     @property
     def key(self) -> str:
-        """Hash by which these videos are known again: of their sizes, and the times of their
-        frames.
-        """
+        """Hash by which these videos are recognized: of their sizes and their frames' times."""
         return content_key(
             *(
                 (video_file(path).index.pts.tolist(), path.stat().st_size)
@@ -97,11 +95,7 @@ def video_pairing(
     rig: StereoRig | None = None
     with suppress(CalibrationError):  # said when the frames are opened
         rig = load_rig_of_images(calib, size_of_side(left, right))
-    asked = (
-        images.video_step,
-        images.video_skip_blurred,
-        images.video_offset_s,
-    )
+    asked = (images.video_step, images.video_skip_blurred, images.video_offset_s)
     key, file = (
         content_key(__version__, videos.key, asked, native.to_bytes(rig) if rig else b""),
         video_pairs_file(folder.root),
@@ -114,9 +108,7 @@ def video_pairing(
 
 
 def _kept(file: Path, key: str) -> FrameChoice | None:
-    """The choice of an earlier run; None where it had other videos or settings, or there is
-    none.
-    """
+    """The choice of an earlier run; None where it had other videos or settings, or none."""
     try:
         content = load_object(file)
         if content.pop("key") == key:

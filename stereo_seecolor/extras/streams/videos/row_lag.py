@@ -104,9 +104,7 @@ def _with_both_neighbors(
 def _misfits(
     videos: tuple[Path, Path], rectification: Rectification, times: tuple[Array, Array]
 ) -> Array:
-    """Right less left row of each pair, pixels of the rectified image; NaN where too little
-    matches.
-    """
+    """Right less left row of each pair, rectified pixels; NaN where too little matches."""
     found = []
     sides = (_grays(path, at) for path, at in zip(videos, times, strict=True))
     for left, right in zip(*sides, strict=False):

@@ -42,9 +42,7 @@ LIMITS = SyncLimits()
 
 @dataclass(frozen=True)
 class Evidence:
-    """The lag by one kind of evidence (``sound``, ``flash``, ``motion``, ``time code``,
-    ``rows``).
-    """
+    """The lag by one kind of evidence (``sound``, ``flash``, ``motion``, ``rows``, ...)."""
 
     kind: str
     lag: Lag

@@ -1,10 +1,10 @@
 """Waters built from published measurements of their absorption and scattering, for judging color
 methods.
 
-The prior of the fit (``color/fitting/water_prior.py``) and the waters of the synthetic dives
-(``waters.py``) stem from Jerlov's tables. Nothing here does: absorption and scattering are the sums
-of what pure seawater, phytoplankton, dissolved matter and suspended sediment were measured to add,
-and every wavelength goes through the water on its own before a camera sums it up.
+The prior of the fit and the waters of the synthetic dives stem from Jerlov's tables. Nothing here
+does: absorption and scattering are the sums of what pure seawater, phytoplankton, dissolved matter
+and suspended sediment were measured to add, and every wavelength goes through the water on its own
+before a camera sums it up.
 
 Sources: Pope and Fry 1997, Appl. Opt. 36, 8710 (absorption of pure water, table 3); Morel 1974, in
 Optical Aspects of Oceanography (scattering of pure seawater); Bricaud et al. 1998, J. Geophys. Res.

@@ -1,4 +1,4 @@
-"""Rigid transforms as (..., 4, 4) matrices, and rotations; and the standard error of ranges.
+"""Rigid transforms as (..., 4, 4) matrices, p_target = T_target_source @ p_source, and rotations.
 
 scipy.spatial takes as long to import as a pair to match, so that only the functions that need it
 import it.
@@ -7,40 +7,24 @@ import it.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.geometry import RectifiedPair
-
 Array = NDArray[np.float64]
-Map = NDArray[np.float32]
-
-DISPARITY_STD_PX = 0.1
-"""Standard error of a disparity, pixels: the median that the matcher states on the sample dive is
-0.09.
-"""
 
 _LEAST_QUATERNION = 1e-300
 """Smaller numbers cannot be divided by."""
 
 
-R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-"""From axes north, east, down to east, north, up."""
-
-
-def pose(R: ArrayLike, position_m: ArrayLike) -> Array:
-    """The rigid transforms (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3)."""
-    R, position_m = np.asarray(R, np.float64), np.asarray(position_m, np.float64)
-    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], position_m.shape[:-1]), 4, 4))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, position_m, 1
+def rigid_transform(R: ArrayLike, translation: ArrayLike) -> Array:
+    """The rigid transforms (..., 4, 4) of rotations (..., 3, 3) and translations (..., 3)."""
+    R, translation = np.asarray(R, np.float64), np.asarray(translation, np.float64)
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], translation.shape[:-1]), 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, translation, 1
     return T
 
 
 def inverse(T: Array) -> Array:
     """The inverse of rigid transforms, (..., 4, 4)."""
-    result = np.zeros_like(T)
     R = np.swapaxes(T[..., :3, :3], -1, -2)
-    result[..., :3, :3] = R
-    result[..., :3, 3] = -(R @ T[..., :3, 3:])[..., 0]
-    result[..., 3, 3] = 1
-    return result
+    return rigid_transform(R, -(R @ T[..., :3, 3:])[..., 0])
 
 
 def transform_points(T: Array, points: NDArray[np.floating]) -> Array:
@@ -79,20 +63,21 @@ def quaternion(R: Array) -> Array:
     return Rotation.from_matrix(R).as_quat(canonical=True)
 
 
-def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Convert quaternions (N, 4), x, y, z, w, to rotations (N, 3, 3); they are normalized first,
-    NaN where zero or not finite.
+def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
+    """(..., 3, 3) rotations of quaternions (..., 4), x, y, z, w, of any length; NaN where zero or
+    not finite.
     """
-    from scipy.spatial.transform import Rotation
-
-    q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
-    R = np.full((len(q), 3, 3), np.nan)
-    known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
-    if known.any():
-        # squares of huge numbers would overflow
-        scaled = q[known] / np.abs(q[known]).max(axis=1, keepdims=True)
-        R[known] = Rotation.from_quat(scaled).as_matrix()
-    return R
+    q = np.asarray(quaternion, np.float64)
+    largest = np.abs(q).max(axis=-1, keepdims=True)
+    q = q / np.where((largest > _LEAST_QUATERNION) & (largest < np.inf), largest, np.nan)
+    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    rows = (
+        (xx - yy - zz + ww, 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), yy - xx - zz + ww, 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), zz - xx - yy + ww),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def interpolate(before: Array, after: Array, fraction: Array) -> Array:
@@ -105,15 +90,6 @@ def interpolate(before: Array, after: Array, fraction: Array) -> Array:
     T[:, :3, :3] = before[:, :3, :3] @ rotation_from_vector(part * turn)
     T[:, :3, 3] = (1 - part) * before[:, :3, 3] + part * after[:, :3, 3]
     return T
-
-
-def estimated_range_std_m(range_m: Map, geometry: RectifiedPair) -> Map:
-    """Standard error of ranges (H, W) whose own is not known: range depth std / (f B), with
-    DISPARITY_STD_PX as std.
-    """
-    depth_m = range_m / geometry.ray_length
-    scale = np.float32(DISPARITY_STD_PX / (geometry.focal_px * geometry.baseline_m))
-    return (range_m * depth_m * scale).astype(np.float32)
 
 
 def rotation_to_z(direction: Array) -> Array:
@@ -136,7 +112,7 @@ def rigid_alignment(points: Array, targets: Array) -> Array:
     center, target = points.mean(axis=-2), targets.mean(axis=-2)
     apart = np.swapaxes(targets - target[..., None, :], -1, -2)
     R = nearest_rotation(apart @ (points - center[..., None, :]))
-    return pose(R, target - (R @ center[..., None])[..., 0])
+    return rigid_transform(R, target - (R @ center[..., None])[..., 0])
 
 
 def similarity_alignment(points: Array, targets: Array) -> Array:
@@ -166,3 +142,11 @@ def nearest_rotation(M: Array) -> Array:
     U, _, Vt = np.linalg.svd(M)
     U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     return np.asarray(U @ Vt)
+
+
+def is_backward(T: Array) -> bool:
+    """Tell whether the second camera stands to the left of the first. T: (4, 4) from the axes of
+    the first to those of the second.
+    """
+    x, y, _ = inverse(T)[:3, 3]
+    return bool(x < -abs(y))

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibration.transforms import rigid_alignment, transform_points
 from stereo_seecolor.compute.threads import cores
-from stereo_seecolor.geometry import rigid_alignment, transform_points
 
 
 @dataclass(frozen=True)
