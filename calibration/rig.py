@@ -291,8 +291,8 @@ def _check_rotation(R: NDArray[np.float64]) -> None:
 def _unit_guess(baseline: float) -> str:
     if baseline < 20:
         return (
-            f"centimeters it is {baseline / 100:g} m, and if it is in board squares, multiply by "
-            "the size of a square"
+            f"centimeters it is {baseline / 100:g} m, in inches {baseline * 0.0254:g} m, and if it "
+            "is in board squares, multiply by the size of a square"
         )
     return f"millimeters it is {baseline / 1000:g} m"
 

@@ -61,6 +61,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     """The rig of one file, or of several merged. image_size: for files that store none. Raises
     CalibrationError.
     """
+    document = _of_one_rig(document)
     parts = find(document.content)
     if parts.many:
         raise CalibrationError(
@@ -91,19 +92,59 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             "extrinsics file, separated by a comma (two single-camera calibrations contain "
             "no stereo geometry)"
         )
+    return _read_all_ways(document, parts, pose, image_size)
+
+
+def _read_all_ways(
+    document: Section, parts: Parts, pose: Pose, image_size: Size | None
+) -> StereoRig:
+    """The rig of the likeliest reading, with those of the others: a reading that no rig can be is
+    none. Raises CalibrationError if none is a rig.
+    """
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
-    rigs = []
+    rigs: list[StereoRig] = []
+    refused: list[CalibrationError] = []
     for text, model in _models(document, parts, pose):
-        left, right = _cameras(document, parts, model, image_size)
+        cameras = _cameras(document, parts, model, image_size)
         for reading, T_right_left in _senses(pose):
-            with naming(document.where):
-                said = ", ".join(filter(None, (text, reading)))
-                rigs.append(
-                    StereoRig(
-                        left, right, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said
+            said = ", ".join(filter(None, (text, reading)))
+            try:
+                with naming(document.where):
+                    rig = StereoRig(
+                        *cameras, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said
                     )
-                )
+                rigs.append(rig)
+            except CalibrationError as error:
+                refused.append(error)
+    if not rigs:
+        raise refused[0]
     return rigs[0].with_alternatives(rigs[1:])
+
+
+def _of_one_rig(document: Section) -> Section:
+    """The document, without a rig of rectified images beside the raw one. Raises CalibrationError
+    for more than one rig.
+    """
+    mappings = {str(key): value for key, value in document.content.items()}
+    for key, value in document.content.items():
+        if isinstance(value, list) and all(isinstance(one, dict) for one in value):
+            mappings |= {f"{key}.{i}": one for i, one in enumerate(value)}
+    rigs = [
+        key
+        for key, value in mappings.items()
+        if isinstance(value, dict) and is_rig(Section(document.where, value))
+    ]
+    raw = [key for key in rigs if not words_for(words(key), "rectified images")]
+    if len(raw) > 1:
+        raise CalibrationError(
+            f"{document.where}: holds {len(raw)} rigs, {', '.join(raw[:-1])} and {raw[-1]}: keep "
+            "the one of the images"
+        )
+    if not raw:
+        return document
+    rig = _of_one_rig(Section(document.where, mappings[raw[0]]))
+    kept = {key: value for key, value in document.content.items() if key not in rigs}
+    return Section(document.where, kept | {raw[0]: rig.content})
 
 
 def _refuse_miscounted(document: Section) -> None:
@@ -122,12 +163,10 @@ def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
     """The transform, and where its sense is open the other one, before it where the first would put
     the right camera to the left.
     """
-    backward = is_backward(pose.T)
     if pose.other is not None:
         senses = [(INTO_CAMERA if pose.is_into else FROM_CAMERA, pose.T)]
-        senses.append((FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other))
-        return senses[::-1] if backward and not is_backward(pose.other) else senses
-    if pose.is_open and backward:
+        return [*senses, (FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other)]
+    if pose.is_open and is_backward(pose.T):
         return [(BACKWARD, inverse(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]
 

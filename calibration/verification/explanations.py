@@ -60,7 +60,8 @@ class Causes:
 
     motion: between neighboring pairs, with the best undone; NO_MOTION where none was given. rig:
     with the best undone, None where it was not tested. parts: what explains the beginning and the
-    end of a dive where nothing explains all of it; None where nothing does.
+    end of a dive where nothing explains all of it, or its ends contradict what does; None where
+    nothing does.
     """
 
     best: Explanation | None = None
@@ -73,8 +74,9 @@ class Causes:
 
     @property
     def explains(self) -> bool:
-        """Tell whether the best leaves no more than chance does."""
-        return self.best is not None and self.best.misfit <= ENOUGH * self.numbers
+        """Tell whether the best leaves no more than chance does, over all of the dive."""
+        fits = self.best is not None and self.best.misfit <= ENOUGH * self.numbers
+        return fits and not self.parts
 
     def in_parts(self, before: "Causes", after: "Causes") -> "Causes":
         """Add what explains the beginning and the end of the dive, where other causes explain each
@@ -99,7 +101,7 @@ class Causes:
         what no cause explains.
         """
         unknown = self.best is not None and not self.explains and self.left > RANGE_ERROR
-        return bool(self._wrong) or unknown
+        return bool(self._wrong) or unknown or any(one.is_wrong for one in self.parts or ())
 
     @property
     def _wrong(self) -> list[Explanation]:

@@ -87,6 +87,31 @@ def find_couples(
             yield couple
 
 
+def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bool:
+    """Tell whether the couples before and after some moment want offsets that differ: an offset of
+    them all then describes neither.
+    """
+    own = []
+    for couple in couples:
+        with suppress(np.linalg.LinAlgError):  # one that holds no motion
+            own.append(fit_motions([couple], geometry, OFFSET))
+    if not own:
+        return False
+    offset_px = np.array([one.values[OFFSET] for one in own])
+    # what a usual lens model leaves differs by relief: on a real dive by 0.5 of it between couples
+    lens_px = LIMITS.lens_rad * geometry.focal_px / 2
+    weight = 1 / (np.array([one.std[OFFSET] for one in own]) ** 2 + lens_px**2)
+    disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
+    for place in range(1, len(own)):
+        sides = (slice(None, place), slice(place, None))
+        first, then = (np.average(offset_px[side], weights=weight[side]) for side in sides)
+        std_px = float(np.sqrt(sum(1 / weight[side].sum() for side in sides)))
+        least_px = max(LIMITS.uneven * disparity_px, LIMITS.pair_deviations * std_px)
+        if abs(then - first) > least_px:
+            return True
+    return False
+
+
 def fit_clear(
     couples: Sequence[SeenTwice], geometry: RectifiedPair
 ) -> tuple[Fitted, Collection[int]]:

@@ -246,6 +246,7 @@ class RowCheck:
                 or self.refusal
                 or self.change
                 or (self._contradiction and not self.causes.line)
+                or self._is_unexplained
                 else [self._of_motion]
             ),
             *self.advice,
@@ -270,6 +271,13 @@ class RowCheck:
                 "fits a rigid bottom once the fault that is named below is undone"
             )
         return self.motion.line
+
+    @property
+    def _is_unexplained(self) -> bool:
+        """Tell whether no one cause explains all of the dive, which its line says: what the motion
+        gives as one error of ranges is then not that error.
+        """
+        return bool(self.causes.best and self.causes.line and not self.causes.explains)
 
     @property
     def _mended(self) -> str:
@@ -327,6 +335,6 @@ class RowCheck:
         where it differs from pair to pair, which is a line of its own.
         """
         left = self._left
-        if not left.is_found or left.between_px:
+        if not left.is_found or left.between_px or self._is_unexplained:
             return ""
         return f"{left.line}; more than one cause would explain it, or none: {OTHER}"

@@ -24,7 +24,8 @@ from stereo_seecolor.inputs.pairing import Pair
 class OrderSettings:
     """Constants of the check.
 
-    looked_at: pairs over the dive that are compared, each with the next.
+    looked_at: pairs over the dive that are compared, each with the next; of_sides: in which the
+    sides are compared.
     quantiles: of each channel of an image; step_px: between the pixels that are counted.
     dark: fraction of full scale that is added, since the noise of dark pixels is not color.
     apart, times: by how much the logarithms of two images' red and blue over green must differ at
@@ -34,6 +35,7 @@ class OrderSettings:
     """
 
     looked_at: int = 5
+    of_sides: int = 3
     quantiles: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)
     step_px: int = 4
     dark: float = 0.015
@@ -70,19 +72,34 @@ def channel_order(images: DiveImages) -> DiveVerdict:
 
 def order_of_sides(images: DiveImages) -> DiveVerdict:
     """Left images whose red and blue are exchanged against the right ones: both show the same, so
-    that one pair tells.
+    that one pair tells. Of a part of the dive the first and the last pair.
     """
-    config = images.config.input
-    with suppress(InputError):
-        for pair in images.pairs[len(images.pairs) // 2 :][:1]:
-            if _are_exchanged(_colors(pair.left, config), _colors(pair.right, config)):
-                note = (
-                    f"input: {pair.left.name} and {pair.right.name} have red and blue exchanged "
-                    "against each other: bring both sides to one order; if the right images are "
-                    "correct, --set input.channels=bgr"
-                )
-                return DiveVerdict((note,), COLORS)
-    return NOTHING_FOUND
+    config, pairs = images.config.input, images.pairs
+
+    def exchanged(place: int) -> bool:
+        with suppress(InputError):
+            return _are_exchanged(
+                _colors(pairs[place].left, config), _colors(pairs[place].right, config)
+            )
+        return False
+
+    looked_at = evenly_spaced(range(len(pairs)), SETTINGS.of_sides)
+    found = [place for place in looked_at if exchanged(place)]
+    if not found:
+        return NOTHING_FOUND
+    left, right = pairs[found[0]].left, pairs[found[0]].right
+    files = f"{left.parent.name}/{left.name} and {right.parent.name}/{right.name}"
+    what = f"{files} have red and blue exchanged against each other"
+    if found == looked_at:
+        cure = "if the right images are correct, --set input.channels=bgr"
+    else:
+        before = [place for place in looked_at if place < found[0]]
+        after = [place for place in looked_at if place > found[-1]]
+        first = edge(before[-1], found[0], exchanged) if before else found[0]
+        last = edge(after[0], found[-1], exchanged) if after else found[-1]
+        what = f"{what}, as are pairs {pairs[first].name} to {pairs[last].name}, but not all"
+        cure = "process the parts separately"
+    return DiveVerdict((f"input: {what}: bring both sides to one order; {cure}",), COLORS)
 
 
 def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:

@@ -19,7 +19,7 @@ IMAGE_CHECKS = (
     Check("a left side without color", "3 pairs", gray_side),
     Check("mosaics read one column off", "3 pairs", shifted_mosaic),
     Check("red and blue exchanged from a frame on", "5 left images", channel_order),
-    Check("red and blue exchanged between the sides", "1 pair", order_of_sides),
+    Check("red and blue exchanged between the sides", "3 pairs", order_of_sides),
 )
 """Of pairs of images, in the order of their notes."""
 RANGED_CHECKS = (

@@ -8,6 +8,7 @@ from calibration import CalibrationError, Rectification
 from calibration.errors import counted
 from calibration.verification.matches import describe_left, describe_right
 from calibration.verification.same_scene import ENOUGH_POINTS, agreeing_points, is_same_picture
+from stereo_seecolor.checks.misfit_causes import flipped_note, stalled_note
 from stereo_seecolor.checks.sample import (
     DECIDING_PAIRS,
     consecutive_intervals,
@@ -116,19 +117,23 @@ def misfit_notes(
     rectification: Rectification,
     config: InputConfig,
 ) -> tuple[str, ...]:
-    """Report where the pairs of the names ``failed`` are out of step, and by how much; else a line
-    for each of the first few.
+    """Report where a camera stalled in the pairs of the names ``failed``, or where they are out of
+    step, and by how much; else a line for each of the first few; else that one side is turned or
+    mirrored.
     """
     misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
+    if stalled := stalled_note(misfits, pairs):
+        return (stalled,)
     if slip := _slip(misfits, pairs, rectification, config) or _slips(
         misfits, pairs, rectification, config
     ):
         return (slip,)
-    return tuple(
+    neighbors = tuple(
         f"{_fits(pair, other)}: do both sides have the same numbers?"
         for _, pair in misfits[:NOTED_MISFITS]
         if (other := _fitting(pair, pairs, rectification, config))
     )
+    return neighbors or tuple(filter(None, [flipped_note(misfits, rectification, config)]))
 
 
 def _slip(

@@ -13,7 +13,12 @@ from calibration.verification.conventions import settle_matches
 from calibration.verification.explanations import Causes
 from calibration.verification.matches import Images, Matches, find_matches
 from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
-from calibration.verification.motion import find_couples, find_motion, motion_of
+from calibration.verification.motion import (
+    changes_in_time,
+    find_couples,
+    find_motion,
+    motion_of,
+)
 from calibration.verification.motion_result import LIMITS
 from calibration.verification.quick_check import quick_check
 from calibration.verification.rigid_motion import SeenTwice
@@ -133,9 +138,10 @@ class JudgedRig:
         if self.rows is None or self.refusal or self.rows.change or self.rows.swapped:
             return self
         couples = couples_of(rig, pairs, images)
-        motion = motion_of(couples, plan_rectification(rig).matching_pair)
+        geometry = plan_rectification(rig).matching_pair
+        motion = motion_of(couples, geometry)
         causes = find_causes(rig, matches, couples)
-        if causes.best and not causes.explains:
+        if causes.best and (not causes.explains or changes_in_time(couples, geometry)):
             causes = _in_parts(causes, rig, matches, pairs, images)
         return replace(self, rows=replace(self.rows, motion=motion, causes=causes))
 

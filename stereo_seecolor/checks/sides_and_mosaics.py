@@ -1,16 +1,19 @@
 """Checks for left images without color, and for Bayer mosaics read one column or row off."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.checks.channel_order import SETTINGS
-from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
+from stereo_seecolor.checks.sample import DiveImages, edge, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
 
 LOOKED_AT = 3
@@ -18,6 +21,10 @@ LOOKED_AT = 3
 GRAY = 0.01
 """Of full scale: median difference of the channels of a side without color. JPEGs of gray images
 have less, the dullest underwater frames (a real survey at 2 m in turbid water) 0.03."""
+TINTED = 0.01
+"""The same with each channel divided by its mean, and half of what the other side must have: gray
+images that were given a tint (JPEGs up to 0.01). Frames of turbid water have little more (a real
+one 0.02), but so have both sides."""
 BLOCK_PX = 16
 """Side of the blocks that are compared: noise averages out, and color does not."""
 ALIKE_GREEN = 0.3
@@ -30,16 +37,26 @@ and blue in turn, 0.15 to 0.45 of three colored dives; else at most 0.003."""
 
 
 def gray_side(images: DiveImages) -> DiveVerdict:
-    """Left images without color, as are their corrected ones; wrong if right ones have it."""
-    looked_at, of_right = evenly_spaced(images.pairs, LOOKED_AT), []
-    for pair in looked_at:
+    """Left images without color, whose corrected images have none; wrong beside right ones, or
+    others of the left side, with it.
+    """
+    config, pairs = images.config.input, images.pairs
+    looked_at: list[int] = []
+    of_left, of_right, tinted = [], [], []
+    for place in evenly_spaced(range(len(pairs)), LOOKED_AT):
         with suppress(InputError):
-            if _has_color(pair.left, images.config.input):
-                return NOTHING_FOUND
-            of_right.append(_has_color(pair.right, images.config.input))
-    if not of_right:
+            left = _has_color(pairs[place].left, config)
+            right = left or _has_color(pairs[place].right, config)
+            tinted.append(left and _is_tinted_gray(pairs[place], config))
+            of_left.append(left)
+            of_right.append(right)
+            looked_at.append(place)
+    is_tinted = all(tinted)
+    if not looked_at or (all(of_left) and not is_tinted):
         return NOTHING_FOUND
-    which = f"input: the left images have no color ({looked_at[0].left.name})"
+    if any(of_left) and not is_tinted:
+        return DiveVerdict((f"input: {_gray_part(images, looked_at, of_left)}",), COLORS)
+    which = f"input: the left images have no color ({pairs[looked_at[0]].left.name})"
     if not all(of_right):
         return DiveVerdict(
             (f"{which}: corrected images are gray, and have the water of green light",)
@@ -52,10 +69,54 @@ def gray_side(images: DiveImages) -> DiveVerdict:
     return DiveVerdict((note,), COLORS)
 
 
+def _gray_part(images: DiveImages, looked_at: Sequence[int], of_left: Sequence[bool]) -> str:
+    """The first and the last of the left images without color, of those that were looked at and
+    their neighbors.
+    """
+    pairs, config = images.pairs, images.config.input
+    grays = [place for place, colored in zip(looked_at, of_left, strict=True) if not colored]
+
+    def turns_gray(inside: int, outside: int) -> int:
+        """The gray image next to the colored one; ``outside`` where one cannot be read."""
+        with suppress(InputError):
+            return edge(inside, outside, lambda place: not _has_color(pairs[place].left, config))
+        return outside
+
+    before = [place for place in looked_at if place < grays[0]]
+    after = [place for place in looked_at if place > grays[-1]]
+    first = turns_gray(before[-1], grays[0]) if before else grays[0]
+    last = turns_gray(after[0], grays[-1]) if after else grays[-1]
+    return (
+        f"the left images have no color from {pairs[first].left.name} to {pairs[last].left.name}, "
+        "others of the dive do: results have the colors of the left images, so they are gray "
+        "there, and the dive's water and light are fitted to both: give the images in color, or "
+        "process both parts separately"
+    )
+
+
 def _has_color(path: Path, config: InputConfig) -> bool:
+    return bool(np.median(np.ptp(_some_pixels(path, config), axis=1)) > GRAY)
+
+
+def _is_tinted_gray(pair: Pair, config: InputConfig) -> bool:
+    """Tell whether the channels of the left image differ by a factor alone, and not those of the
+    right one.
+    """
+    apart = []
+    for path, least in ((pair.left, 0.0), (pair.right, 2 * TINTED)):
+        pixels = _some_pixels(path, config)
+        means = np.maximum(pixels.mean(axis=0), TINTED)
+        apart.append(np.median(np.ptp(pixels * means.mean() / means, axis=1)))
+        if apart[0] > TINTED or apart[-1] < least:
+            return False
+    return True
+
+
+def _some_pixels(path: Path, config: InputConfig) -> NDArray[np.float64]:
+    """(n, 3) of full scale."""
     image = read_image(path, config)
-    some = image[:: SETTINGS.step_px, :: SETTINGS.step_px].astype(np.float64)
-    return bool(np.median(np.ptp(some, axis=2)) > GRAY * np.iinfo(image.dtype).max)
+    some = image[:: SETTINGS.step_px, :: SETTINGS.step_px].reshape(-1, 3)
+    return some / np.iinfo(image.dtype).max
 
 
 def shifted_mosaic(images: DiveImages) -> DiveVerdict:

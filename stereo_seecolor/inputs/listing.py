@@ -34,6 +34,8 @@ _RAW = {
 UNREAD = frozenset(_COMPRESSED | _RAW)
 """Images that are not read: of other compressions, and of cameras as they are."""
 
+DEEPER = 2
+"""Levels of folders that hold nothing but the one below, above those of images, as on a card."""
 BAG = re.compile(r"\.(bag|mcap|db3)(\.active)?(\.(zstd?|gz|lz4|bz2|xz|zip))?\Z", re.IGNORECASE)
 """Names of files of ROS bags, and of such that were compressed as a whole."""
 
@@ -163,18 +165,23 @@ def holds_images(folder: Path, kinds: frozenset[str] = EXTENSIONS, pattern: str 
         return False  # said of the folder itself
 
 
-def inner_folders(folder: Path, kinds: frozenset[str] = EXTENSIONS) -> list[Path]:
-    """The folders directly in one that hold images, in natural order; none where their names are
-    those of both sides.
+def inner_folders(
+    folder: Path, kinds: frozenset[str] = EXTENSIONS, deeper: int = DEEPER
+) -> list[Path]:
+    """The folders directly in one that hold images, or in the only one that holds such folders
+    (``DCIM``), in natural order; none where their names are those of both sides.
     """
-    inner = []
+    below: list[Path] = []
     with suppress(OSError):  # said of the folder itself
-        inner = [
+        below = [
             path
             for path in folder.iterdir()
             if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
         ]
-    inner = [path for path in inner if holds_images(path, kinds)]
+    inner = [path for path in below if holds_images(path, kinds)]
+    if not inner and deeper:
+        found = [own for path in below if (own := inner_folders(path, kinds, deeper - 1))]
+        return found[0] if len(found) == 1 else []
     sides = {side_of(path.name) for path in inner} - {None}
     return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
 

@@ -82,24 +82,67 @@ def number_pairs(lefts: Sequence[Path], rights: Sequence[Path]) -> list[tuple[Pa
     return [(left, right) for (_, left), (_, right) in both]
 
 
+def numbered_apart(lefts: Sequence[Path], rights: Sequence[Path]) -> bool:
+    """Tell whether both sides are numbered, and one has more files than the other."""
+    return len(lefts) != len(rights) and bool(_counted(lefts) and _counted(rights))
+
+
 def _counted(paths: Sequence[Path]) -> dict[int, Path]:
     """Files by the number that a counter would have that never starts again; none where a file has
     no number.
+
+    A counter starts again in each folder, or where numbers come twice with each name before them
+    (``GX010123_0001``, ``GX020123_0001``).
     """
     found = {path: re.search(r"(?<!\d)\d+$", path.stem) for path in paths}
     numbers = {path: int(digits[0]) for path, digits in found.items() if digits}
     if len(numbers) < len(paths):
         return {}
+    groups: dict[str, list[tuple[int, Path]]] = defaultdict(list)
+    for path, number in numbers.items():
+        groups[str(path.parent)].append((number, path))
+    for folder, files in list(groups.items()):
+        if len({number for number, _ in files}) < len(files):
+            del groups[folder]
+            for number, path in files:
+                groups[f"{folder}/{path.stem.removesuffix(found[path][0])}"].append((number, path))  # type: ignore[index]
     counted: dict[int, Path] = {}
     before, offset = -1, 0
-    for folder in sorted({path.parent for path in paths}, key=lambda one: natural_key(str(one))):
-        own = sorted((number, path) for path, number in numbers.items() if path.parent == folder)
+    for _, files in sorted(groups.items(), key=lambda group: natural_key(group[0])):
+        own = sorted(files)
         for number, path in _unrolled(own, len(found[own[-1][1]][0])):  # type: ignore[index]
             if number + offset <= before:
                 offset = before + 1 - number
             before = number + offset
             counted[before] = path
     return counted
+
+
+_COUNTER = re.compile(r"(.*?)(\d+)", re.DOTALL)
+"""A name that ends in the number of a counter."""
+
+
+def may_roll_over(first: str, last: str) -> bool:
+    """Tell whether the first and the last of sorted names are of one counter at its two ends: 0 or
+    1, and 9999.
+    """
+    ends = [_COUNTER.fullmatch(name) for name in (first, last)]
+    if not (ends[0] and ends[1]) or ends[0][1] != ends[1][1]:
+        return False
+    return int(ends[0][2]) <= 1 and len(ends[0][2]) == len(ends[1][2]) and set(ends[1][2]) == {"9"}
+
+
+def names_after_rollover(names: Sequence[str]) -> int:
+    """How many of the first of sorted names a counter gave after its last number, in which alone
+    they differ (``DSC_9999``, then ``DSC_0000``); 0 where none.
+    """
+    if len(names) < 2 or not may_roll_over(names[0], names[-1]):
+        return 0
+    ends = [_COUNTER.fullmatch(name) for name in names]
+    if any(end is None or end[1] != ends[0][1] for end in ends):  # type: ignore[index]
+        return 0
+    own = [(int(end[2]), Path(name)) for end, name in zip(ends, names, strict=True) if end]
+    return own.index(_unrolled(own, len(ends[-1][2]))[0])  # type: ignore[index]
 
 
 def _unrolled(own: list[tuple[int, Path]], digits: int) -> list[tuple[int, Path]]:

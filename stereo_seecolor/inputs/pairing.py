@@ -26,7 +26,16 @@ from stereo_seecolor.inputs.listing import (
     Unpaired,
     list_images,
 )
-from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_pairs, side_keys, stem_keys
+from stereo_seecolor.inputs.name_keys import (
+    Keys,
+    affix_keys,
+    may_roll_over,
+    names_after_rollover,
+    number_pairs,
+    numbered_apart,
+    side_keys,
+    stem_keys,
+)
 from stereo_seecolor.inputs.name_times import distances_s, nearest, timed, timestamp_from_name
 from stereo_seecolor.records import Numbers
 
@@ -195,7 +204,7 @@ class _Matching:
     def ambiguous(self) -> str:
         """Why no file has a partner, where several share a name; else ""."""
         reasons = [file.reason for file in self.unpaired if file.reason.startswith(SEVERAL)]
-        return reasons[0] if reasons and not self.pairs else ""
+        return min(reasons, default="") if not self.pairs else ""
 
     def drop_settled(self) -> None:
         """Leave only the files that wait for a partner."""
@@ -233,6 +242,7 @@ def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair]
         not isinstance(lefts, FolderFiles)
         or not isinstance(rights, FolderFiles)
         or len(lefts) != len(rights)
+        or may_roll_over(stem_of(lefts.names[0]), stem_of(lefts.names[-1]))
     ):
         return None
     pairs, name_hashes = DivePairs(), array("q")
@@ -280,6 +290,13 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         example = (
             f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
         )
+        if numbered_apart(matching.lefts, matching.rights):
+            raise InputError(
+                f"{where}: {len(matching.lefts)} left and {len(matching.rights)} right images are "
+                "numbered by each camera on its own: such files are paired in their order only "
+                f"where none is missing{example}: remove those without a partner, or give both "
+                "files of a pair the same name"
+            )
         off_s = sorted(distances_s(matching.lefts, matching.rights).values())
         apart = f" (time stamps are {off_s[len(off_s) // 2]:.3f} s apart, median)" if off_s else ""
         raise InputError(
@@ -349,12 +366,16 @@ def pair_by_stem(images: Path, ranges: Path) -> Pairing:
 
 
 def in_dive_order(pairs: Sequence[Pair]) -> list[Pair]:
-    """Sort by time where every name holds one, else in natural order of the names."""
+    """Sort by time where every name holds one, else in natural order of the names, those after a
+    counter's last number behind it.
+    """
     have_times = all(pair.timestamp_s is not None for pair in pairs)
-    return sorted(
+    ordered = sorted(
         pairs,
         key=lambda pair: (pair.timestamp_s or 0.0 if have_times else 0.0, natural_key(pair.name)),
     )
+    after = 0 if have_times else names_after_rollover([pair.name for pair in ordered])
+    return [*ordered[after:], *ordered[:after]]
 
 
 def _matching(lefts: Listing, rights: Listing) -> _Matching:

@@ -250,6 +250,8 @@ def _best_pair(images: dict[Path, int]) -> Sides:
         if pairs:
             return Sides(*sides, guessed=not known)
     first, second = both[0]
+    if len(both) == 1:
+        pair_sides(first, second, InputConfig())  # raises with the reason
     raise InputError(
         f"{first} and {second}: no two of the {len(images)} folders or groups of images contain "
         "pairs: give the two sides of one dive"

@@ -124,6 +124,10 @@ def test_calib_io(tmp_path: Path) -> None:
         ("a.npy", b"\x93NUMPY\x01\x00", "is damaged"),
         ("a.pkl", pickle.dumps({"K1": 1}), "holds Python objects"),
         ("dlt.csv", b"1.5,2e-3\n" * 11, "direct linear transformation"),
+        ("decimal_commas.csv", b"1,5;2e-3\n" * 11, "direct linear transformation"),
+        ("names.txt", b"cam1\tcam2\r\n" + b"1.5\t2\r\n" * 11, "direct linear transformation"),
+        ("one.txt", b"-1.5e-3\n" * 11, "direct linear transformation"),
+        ("rows.txt", (b"1.5 " * 11 + b"\n") * 2, "direct linear transformation"),
         (
             "left.cameramodel",
             b"# made by mrcal\n{\n    'lensmodel': 'LENSMODEL_OPENCV5',\n}\n",

@@ -15,6 +15,7 @@ from calibration.verification.causes import find_causes
 from calibration.verification.explanations import Causes, Explanation
 from calibration.verification.motion import motion_of
 from calibration.verification.motion_result import Motion
+from calibration.verification.table import CAUSES
 
 YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
 ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"
@@ -70,6 +71,23 @@ def test_ranges_are_wrong_where_a_rival_says_so() -> None:
     assert Causes(harmless, (harmful,)).is_wrong
     assert Causes(harmless, (harmful,)).is_wrong_if_refined
     assert not Causes(harmless, (harmless,)).is_wrong
+
+
+def test_ends_of_a_dive_outrank_what_explains_all_of_it() -> None:
+    """The couples of one end decide most of what explains all."""
+    cause, nothing = (
+        Causes(Explanation(text, CAUSES[:many], 0.0, is_wrong=bool(text)), numbers=20)
+        for text, many in (("a shift", 1), ("", 0))
+    )
+    motion = Motion(couples=4, range_error=0.2, range_std=0.04, at_m=2.0, disparity_px=20.0)
+    row_check = RowCheck(12, 900, 0.06, 0.0, 1.0, 0.0, 0.06, 0.0, motion=motion)
+    for found, says in (
+        (replace(cause, motion=motion), "ranges may be wrong by +20%"),
+        (cause.in_parts(nothing, cause), "beginning (nothing is wrong) and another their end"),
+    ):
+        lines = "\n".join(replace(row_check, causes=found).lines())
+        assert found.is_wrong and says in lines
+        assert ("+20%" in lines) == (not found.parts)
 
 
 def test_a_wrong_baseline_leaves_no_trace() -> None:

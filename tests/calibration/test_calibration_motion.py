@@ -13,7 +13,12 @@ import pytest
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig, write_rig
 from calibration.verification.causes import find_causes
-from calibration.verification.motion import find_couples, find_motion, motion_of
+from calibration.verification.motion import (
+    changes_in_time,
+    find_couples,
+    find_motion,
+    motion_of,
+)
 from calibration.verification.motion_result import Motion
 from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import DiveChange
@@ -64,6 +69,14 @@ def test_an_offset_of_all_disparities_is_measured(offset_px: float) -> None:
     assert found.range_error == pytest.approx(offset_px / (30 - offset_px), abs=0.02)
     assert found.is_found == (offset_px != 0)
     assert found.is_known
+
+
+@pytest.mark.parametrize("after_px", [-3.0, 0.0, 3.0])
+@pytest.mark.parametrize("before_px", [0.0, -3.0])
+def test_an_offset_of_a_part_of_the_dive_is_none_of_all(before_px: float, after_px: float) -> None:
+    couples = [*dive(before_px)[:2], *dive(after_px)[2:]]
+    assert changes_in_time(couples, GEOMETRY) == (before_px != after_px)
+    assert not changes_in_time(dive(before_px), GEOMETRY)
 
 
 @pytest.mark.parametrize("focal", [0.9, 1.0, 1.1])

@@ -70,6 +70,11 @@ NOTATIONS: dict[str, str | bytes] = {
     "names and numbers": "".join(f"{key}\n{rows(part, chr(10))}\n" for key, part in PARTS.items()),
     "rows of a table": "".join(f"{k},{rows(p, ' ')}\n".replace(" ", ",") for k, p in PARTS.items()),
     "MATLAB": "".join(f"{key} = [{rows(part)}];  % px\n" for key, part in PARTS.items()),
+    "what MATLAB's window displays": "".join(
+        f"{key} =\n\n   1.0e+02 *\n\n{rows(part / 100, chr(10))}\n\n"
+        for key, part in PARTS.items()),
+    "standard errors": "".join(
+        f"{key} = [ {rows(part)} ] ± [ 0.3 0.2 ]\n" for key, part in PARTS.items()),
     "Python": "import numpy as np\n"
     + "".join(f"{key} = np.array({part.tolist()})\n" for key, part in PARTS.items()),
     "TOML without a section": "".join(f"{key} = {value}\n" for key, value in PLAIN.items()),
@@ -209,13 +214,23 @@ def test_tables_of_a_folder_with_decimal_commas_and_headers(tmp_path: Path) -> N
     assert same(load_rig(tmp_path, SIZE))
 
 
-def test_a_table_with_a_column_a_camera(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mark", [";", "\t", ","])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_a_table_with_a_column_a_camera(mark: str, decimal: str, tmp_path: Path) -> None:
     left, right = ((*c.K[[0, 1, 0, 1], [0, 1, 2, 2]], *c.distortion) for c in (RIG.left, RIG.right))
     names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-    lines = [f"{name};{a};{b}" for name, a, b in zip(names, left, right, strict=True)]
-    (tmp_path / "lenses.csv").write_text("\n".join(["parameter;left;right", *lines]))
-    (tmp_path / "pose.json").write_text(json.dumps(POSE))
-    assert same(load_rig(tmp_path, SIZE))
+    turn = cv2.Rodrigues(RIG.R)[0].ravel()
+    pose = zip(("rx", "ry", "rz"), turn, strict=True)
+    place = zip(("tx_mm", "ty_mm", "tz_mm"), T[:3, 3] * 1000, strict=True)
+    if mark == decimal:
+        return
+    lines = [
+        ("parameter", "left", "right"),
+        *zip(names, left, right, strict=True),
+        *((name, "", value) for name, value in (*pose, *place)),
+    ]
+    text = "\n".join(mark.join(map(str, line)).replace(".", decimal) for line in lines)
+    assert same(read(text, tmp_path))
 
 
 NORMALIZED = {
@@ -234,6 +249,12 @@ REFUSED: dict[str, tuple[str | Mapping[str, Any], str]] = {
     "arrays of NumPy in YAML": (yaml.dump({"K1": RIG.left.K}), r"write the arrays with .tolist"),
     "names of files": ({"K1": [True, "left/K.csv"], "K2": [True, "right/K.csv"]},
                        "only file names, such as left/K.csv: give the folder"),
+    "two rigs": (
+        {"down": BOTH | POSE, "forward": BOTH | {"R": PLAIN["R"], "T": [-0.3, 0, 0]}},
+        "holds 2 rigs, down and forward",
+    ),
+    "two rigs in a list": ({"rigs": [BOTH | POSE, BOTH | POSE]}, r"holds 2 rigs, rigs.0 and"),
+    "inches": (PLAIN | {"T": [-4.72, 0, 0]}, "in inches 0.119"),
     "a name twice": ("K1 1 2 3 4\nK1 5 6 7 8\n", "'K1' is given twice"),
 }  # fmt: skip
 

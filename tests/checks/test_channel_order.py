@@ -88,3 +88,20 @@ def test_sides_of_which_one_has_red_and_blue_exchanged_are_named(tmp_path: Path)
         found = order_of_sides(DiveImages([Pair(name, *paths)], RunConfig()))
         named[name] = found.wrong
     assert named == {"alike": frozenset(), "exchanged": {"colors"}, "gray": frozenset()}
+
+
+@pytest.mark.parametrize(("first", "last"), [(3, 5), (0, 2)])
+def test_pairs_of_which_one_side_has_red_and_blue_exchanged_are_named(
+    tmp_path: Path, first: int, last: int
+) -> None:
+    image, pairs = cv2.imread(str(next((REEF / "left").iterdir()))), []
+    for number in range(6):
+        paths = [tmp_path / side / f"{number}.png" for side in ("left", "right")]
+        for path in paths:
+            path.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(paths[0]), image)
+        cv2.imwrite(str(paths[1]), image[..., ::-1] if first <= number <= last else image)
+        pairs.append(Pair(f"{number}", *paths))
+    (note,) = order_of_sides(DiveImages(pairs, RunConfig())).notes
+    assert f"pairs {first} to {last}, but not all" in note and "left/" in note and "right/" in note
+    assert "input.channels" not in note

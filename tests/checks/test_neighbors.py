@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import pytest
 
 from calibration import Rectification
@@ -127,3 +128,38 @@ def test_parts_that_are_out_of_step_are_named_where_both_sides_lost_images(make_
         in note
     )
     assert f"{pairs[7].name} to {pairs[9].name} by +1" in note
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("side", "how", "flip"),
+    [
+        ("R", "right images are mirrored left to right", (1, -1)),
+        ("R", "right images are rotated by 180 degrees", (-1, -1)),
+        ("L", "images of one side are mirrored top to bottom", (-1, 1)),
+    ],
+)
+def test_images_that_are_turned_from_a_pair_on_are_named(
+    make_dive, side: str, how: str, flip: tuple[int, int]
+) -> None:
+    dive = make_dive(5)
+    for path in sorted((dive.root / side).iterdir())[3:]:
+        cv2.imwrite(str(path), cv2.imread(str(path))[:: flip[0], :: flip[1]])
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    failed = {pair.name for pair in pairs[3:]}
+    (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
+    assert note.startswith(f"from {pairs[3].name} to {pairs[4].name} (2 pairs that failed)")
+    assert how in note
+
+
+@pytest.mark.parametrize(("side", "name"), [("L", "left"), ("R", "right")])
+def test_a_camera_that_stalled_is_named(make_dive, side: str, name: str) -> None:
+    dive = make_dive(5)
+    images = sorted((dive.root / side).iterdir())
+    for path in images[3:]:
+        path.write_bytes(images[2].read_bytes())
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    (note,) = misfit_notes(pairs, {pairs[3].name, pairs[4].name}, rectification, InputConfig())
+    assert f"the {name} images are all that of {pairs[2].name}: the {name} camera stalled" in note

@@ -50,6 +50,28 @@ def test_left_images_without_color_are_named(tmp_path: Path, suffix: str) -> Non
     assert gray_side(DiveImages([], RunConfig())).notes == ()
 
 
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_tint_is_no_color(tmp_path: Path, suffix: str) -> None:
+    left = [
+        np.clip(np.dstack([gray(picture)] * 3) * [1.1, 1.0, 0.7], 0, 255).astype(np.uint8)
+        for picture in pictures()
+    ]
+    assert gray_side(dive(tmp_path, left, pictures("right"), suffix)).wrong == {"colors"}
+    # water that takes all color but its own is seen by both sides
+    assert gray_side(dive(tmp_path, left, left, suffix)).notes == ()
+
+
+@pytest.mark.parametrize(("first", "last"), [(6, 11), (0, 3), (4, 7)])
+def test_left_images_without_color_in_a_part_of_the_dive_are_named(
+    tmp_path: Path, first: int, last: int
+) -> None:
+    left = pictures(step=1)
+    left[first : last + 1] = [gray(picture) for picture in left[first : last + 1]]
+    found = gray_side(dive(tmp_path, left, left))
+    assert found.wrong == {"colors"}
+    assert f"no color from l{first:04d}.png to l{last:04d}.png" in found.notes[0]
+
+
 def mosaic(picture: Picture) -> Picture:
     """What a sensor of RGGB pixels would have stored."""
     result = picture[..., 1].copy()

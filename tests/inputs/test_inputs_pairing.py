@@ -3,6 +3,7 @@
 import os
 import re
 import unicodedata
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -441,24 +442,43 @@ def test_counters_that_differ_by_a_constant_are_paired_and_that_is_said(tmp_path
 
 
 @pytest.mark.parametrize(
-    "rights", [["DSC_520.png", "DSC_522.png"], ["DSC_520.png", "DSC_521.png", "DSC_522.png"]]
+    ("rights", "message"),
+    [
+        (["DSC_520.png", "DSC_522.png"], "no left image matches a right one"),
+        (
+            ["DSC_520.png", "DSC_521.png", "DSC_522.png"],
+            "2 left and 3 right images are numbered by each camera .* where none is missing",
+        ),
+    ],
 )
 def test_counters_of_which_an_image_is_missing_are_not_guessed(
-    tmp_path: Path, rights: list[str]
+    tmp_path: Path, rights: list[str], message: str
 ) -> None:
-    with pytest.raises(InputError, match="no left image matches a right one"):
+    with pytest.raises(InputError, match=message):
         pair_folders(*folders(tmp_path, ["DSC_998.png", "DSC_999.png"], rights), InputConfig())
 
 
 ROLLED = ["DSC_9997.png", "DSC_9998.png", "DSC_9999.png", "DSC_0001.png", "DSC_0002.png"]
 FROM_ZERO = ["P9998.png", "P9999.png", "P0000.png", "P0001.png", "P0002.png"]
 CARD = ["100MEDIA/D_0998.png", "100MEDIA/D_0999.png", *(f"101MEDIA/D_000{n}.png" for n in "123")]
+CHAPTERS = [f"GX0{part}0123_{n:04d}.png" for part, n in ((1, 0), (1, 30), (1, 60), (2, 0), (2, 30))]
+IN_DCIM = ["DCIM/100GOPRO/G0998.png", "DCIM/100GOPRO/G0999.png"] + [
+    f"DCIM/101GOPRO/G{n:04d}.png" for n in range(1, 4)
+]
 CONTINUED = [f"{100 + (n > 300)}CANON/I_{n:04d}.png" for n in range(299, 304)]
 PLAIN = [f"X_{n:04d}.png" for n in range(412, 417)]
+FRAMES = [f"F_{n:04d}.png" for n in (0, 30, 60, 61, 91)]
 
 
-@pytest.mark.parametrize("other", [PLAIN, CONTINUED])
-@pytest.mark.parametrize("one", [ROLLED, FROM_ZERO, CARD])
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        *product((ROLLED, FROM_ZERO, CARD, IN_DCIM), (PLAIN, CONTINUED)),
+        (CHAPTERS, FRAMES),
+        (ROLLED, ROLLED),
+        (FROM_ZERO, FROM_ZERO),
+    ],
+)
 @pytest.mark.parametrize("exchanged", [False, True])
 def test_a_counter_that_starts_again_is_followed(
     tmp_path: Path, one: list[str], other: list[str], exchanged: bool

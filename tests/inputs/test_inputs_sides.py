@@ -117,7 +117,9 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
             ["1.png", "2.png"],
             "holds all images in one folder, and no name shows .*: move the left and the right",
         ),
-        (["a/x.png", "b/y2.png"], "contain pairs: give the two sides of one dive"),
+        (["a/x.png", "b/y2.png"], "no left image matches a right one by name or time stamp"),
+        (["a/1.png", "a/1.jpg", "b/1.png"], "several files are called '1'"),
+        (["a/x.png", "b/y2.png", "c/z3.png"], "contain pairs: give the two sides of one dive"),
         (["1.mp4", "2.mp4", "3.mp4"], "3 videos were found"),
     ],
 )

@@ -19,7 +19,7 @@ ALIASES = {
         # whose order of turns differs between programs
         "angles": "euler rpy angles deg degrees roll pitch yaw",
         "translation": "t trans* tvec trns tstereo stereot",
-        "place": "position center centre place",
+        "place": "position pos xyz center centre place",
         "transform": "t rt trans* extrinsics? pose stereo",
         "transform from a camera": "sc bs wc bc ic",
         "projection": "p proj*",

@@ -69,7 +69,10 @@ def find(content: Mapping[str, Any]) -> Parts:
     first = int(numbers[0]) if len(numbers) == 2 else 1
     table: dict[tuple[Role, Side], list[Leaf]] = {}
     for role, leaf in found:
-        table.setdefault((role, _side(marks[id(leaf)], first)), []).append(leaf)
+        alike = {marks[id(other)] for its, other in found if its == role}
+        # lenses K1 and K2 beside poses of cam0 and cam1
+        lowest = 0 if role in OF_PLACE and {("0",), ("1",)} <= alike else first
+        table.setdefault((role, _side(marks[id(leaf)], lowest)), []).append(leaf)
     doubts: tuple[str, ...] = ()
     # cameras under two names that tell no side
     if len(lenses) == 2 and len(table.get(("K", ""), [])) == 2:
@@ -178,12 +181,15 @@ def _is_of_sensor(leaf: Leaf, sided: bool) -> bool:
 def _role(leaf: Leaf) -> Role | None:
     every = [words(key) for key in leaf.path]
     ignored = words_for({word for said in every for word in said}, "no part")
-    of_body = leaf.numbers.size > 9 and ignored == words_for(ignored, "body")
-    if ignored and not (of_body and as_transform(leaf.numbers) is not None):
+    if ignored and not (
+        ignored <= {"sensor", *words_for(ignored, "body")}
+        and leaf.numbers.size > 9
+        and as_transform(leaf.numbers) is not None
+    ):
         return None
     naming = [set(said) for said in reversed(every) if set(said) - words_for(said, "nothing")]
     said = naming[0] if naming else set()
-    if leaf.numbers.size in (12, 16) and _leads_from_camera(every[-1]):
+    if leaf.numbers.size in (12, 16) and leads_from_camera(every[-1]):
         return "body" if as_transform(leaf.numbers) is not None else None
     if (
         len(naming) > 1
@@ -280,18 +286,31 @@ def _lens_alone(leaf: Leaf) -> Leaf:
     return leaf
 
 
-def _leads_from_camera(said: tuple[str, ...]) -> bool:
+def leads_from_camera(said: tuple[str, ...]) -> bool:
     """Tell whether a transform's key says from the camera's axes to those of a body or the world:
-    ``T_body_cam``, ``cam_to_world``, ``T_BS``.
+    ``T_body_cam``, ``T_body_sensor``, ``cam_to_world``, ``T_BS``, ``to_body``.
     """
     if words_for(said, "transform from a camera"):
         return True
-    axes = [
+    axes = _axes(said)
+    if "to" in said:
+        return axes == ["camera", "common"] or (axes == ["common"] and said[0] == "to")
+    return axes == ["common", "camera"]
+
+
+def leads_into_camera(said: tuple[str, ...]) -> bool:
+    """Tell whether a transform's key says from the axes of a body or the world to the camera's:
+    ``T_cam_body``, ``world_to_cam``.
+    """
+    return _axes(said) == (["common", "camera"] if "to" in said else ["camera", "common"])
+
+
+def _axes(said: tuple[str, ...]) -> list[str]:
+    return [
         "common" if words_for([word], "body") else "camera"
         for word in said
-        if words_for([word], "body") or word[:3] == "cam" or word == "c"
+        if words_for([word], "body") or word[:3] == "cam" or word in ("c", "sensor")
     ]
-    return axes == (["camera", "common"] if "to" in said else ["common", "camera"])
 
 
 def _is_unit(numbers: Numbers) -> bool:

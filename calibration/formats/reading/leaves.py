@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.reading.aliases import (
+    METERS,
     NUMBERS,
     PAIRS,
     SHORT_PAIRS,
@@ -84,7 +85,7 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
         for key, value in content.items()
         if isinstance(value, (str, int)) and words_for(words(str(key)), "name of a camera")
     )
-    if name := next((name for name in names if side_marks(words(name))), ""):
+    if name := next((name for name in names if _says_which(words(name))), ""):
         path = (*path, name)
     few: dict[str, Numbers] = {}
     for key, value in _nested(content).items():
@@ -103,6 +104,11 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
             if numbers.size >= 2:
                 yield Leaf(here, numbers)
     yield from _assembled(few, path)
+
+
+def _says_which(said: tuple[str, ...]) -> bool:
+    """Tell whether a name says the side of a camera, or that it is of another sensor."""
+    return bool(side_marks(said) or words_for(said, "sensor"))
 
 
 def texts(content: Mapping[Any, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -245,8 +251,12 @@ def _of_numbers(own: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
         None,
     ):
         yield "R", rotation_from_quaternion(np.array([own[name] for name in turn])).ravel().tolist()
+    units = (f"_{unit}" for unit in METERS)
+    translations = (
+        (f"T{unit}", tuple(f"t{axis}{unit}" for axis in "xyz")) for unit in ("", *units)
+    )
     for key, three in (
-        ("T", ("tx", "ty", "tz")),
+        *translations,
         ("R", ("rx", "ry", "rz")),
         ("angles", ("roll", "pitch", "yaw")),
         ("vector", ("x", "y", "z")),

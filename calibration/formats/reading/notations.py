@@ -29,6 +29,10 @@ _AROUND = re.compile(
     r"(?:np\.|numpy\.)?\b(?:array|matrix|single|double)\(|(?:,\s*)?\bdtype\s*=\s*[\w.]+"
 )
 """What NumPy and MATLAB write around numbers."""
+_FACTOR = re.compile(r"\s*(\d(?:\.\d*)?e[-+]?\d+)[ \t]*\*\s")
+"""Of a matrix as MATLAB's window displays it: ``1.0e+03 *`` above its rows."""
+_ERROR = re.compile(r"(?:±|\+/-|\+-)[^\n]*")
+"""The standard error behind a number or a vector."""
 _COMMENT = re.compile(r"%|#|//|\.\.\.\s*$")
 
 
@@ -59,7 +63,10 @@ def numbers_of_text(text: str, one: bool = False) -> list[float] | None:
 
     one: ``0,5`` is one number, as it is everywhere where others stand beside it without a point.
     """
-    body = _AROUND.sub(" ", text)
+    if factor := _FACTOR.match(text):
+        scaled = numbers_of_text(text[factor.end() :])
+        return None if scaled is None else [float(factor[1]) * number for number in scaled]
+    body = _AROUND.sub(" ", _ERROR.sub(" ", text))
     parts = re.sub(r"[\[\](){}]", " ", body.replace(";", " ")).split()
     if (
         "," in body
@@ -143,7 +150,13 @@ def _cells(text: str) -> dict[str, Any] | None:
 
 
 def _cells_of(line: str) -> list[str]:
-    return [cell.strip() for cell in re.split(r"[,;\t]\s*", line.strip())]
+    mark = next((mark for mark in ";\t" if mark in line), ",")
+    cells = [cell.strip() for cell in line.strip(" \r\n").split(mark)]
+    decimals = [mark != "," and _DECIMAL_COMMA.fullmatch(cell) for cell in cells]
+    return [
+        cell.replace(",", ".") if decimal else cell
+        for cell, decimal in zip(cells, decimals, strict=True)
+    ]
 
 
 def _parse_lines(text: str, mark: str) -> dict[str, Any]:

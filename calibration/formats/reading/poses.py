@@ -12,13 +12,21 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.reading.aliases import METERS, words_for
-from calibration.formats.reading.finder import Parts, Role, Side, as_transform, is_rotation
+from calibration.formats.reading.finder import (
+    Parts,
+    Role,
+    Side,
+    as_transform,
+    is_rotation,
+    leads_from_camera,
+    leads_into_camera,
+)
 from calibration.formats.reading.leaves import Leaf, texts, words
 from calibration.formats.reading.section import Section
 from calibration.formats.reading.units import to_meters
 from calibration.formats.ros import transform_of_projections
 from calibration.rig import MAX_BASELINE_M
-from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
+from calibration.transforms import inverse, is_backward, rigid_transform, rotation_from_quaternion
 
 Array = NDArray[np.float64]
 LEAST_MM = 20.0
@@ -128,22 +136,44 @@ def _of_cameras(where: str, parts: Parts) -> Iterator[Pose]:
     Rs, Ts, places = parts.pair("R"), parts.pair("T"), parts.pair("place")
     rotations = [_rotation(where, R) for R in Rs] if Rs and (Ts or places) else []
     if rotations and Ts:
-        into = [rigid_transform(R, T.finite(where)) for R, T in zip(rotations, Ts, strict=True)]
-        yield Pose(_name(Ts[1]), _between(into), True)
+        own = [rigid_transform(R, T.finite(where)) for R, T in zip(rotations, Ts, strict=True)]
+        is_into = not any(leads_from_camera(words(key)) for key in Ts[1].path)
+        yield _of_own_poses(Ts[1], own, is_into)
     if rotations and places:
         centers = [place.finite(where) for place in places]
         both = [
             _between([inverse(rigid_transform(R, c)) for R, c in zip(turns, centers, strict=True)])
             for turns in (rotations, [R.T for R in rotations])
         ]
-        yield Pose(_name(places[1]), both[0], other=both[1])
+        yield _likelier(Pose(_name(places[1]), both[0], other=both[1]))
     transforms: tuple[tuple[Role, bool], ...] = (("pose", True), ("body", False))
     for role, is_into in transforms:
         if pair := parts.pair(role):
-            own = [_square(where, leaf) for leaf in pair]
-            readings = [_between(own), _between(list(map(inverse, own)))]
-            T, other = readings if is_into else readings[::-1]
-            yield Pose(_name(pair[1]), T, other=other, is_into=is_into)
+            yield _of_own_poses(pair[1], [_square(where, leaf) for leaf in pair], is_into)
+
+
+def _of_own_poses(leaf: Leaf, own: list[Array], is_into: bool) -> Pose:
+    """Of transforms between both cameras and common axes, with the other sense of both."""
+    readings = [_between(own), _between(list(map(inverse, own)))]
+    T, other = readings if is_into else readings[::-1]
+    return _likelier(Pose(_name(leaf), T, other=other, is_into=is_into))
+
+
+def _likelier(pose: Pose) -> Pose:
+    """The pose, or the other one where only that puts the right camera to the right, or the first
+    to the left.
+    """
+    assert pose.other is not None
+    if _direction(pose.other) < _direction(pose.T):
+        return replace(pose, T=pose.other, other=pose.T, is_into=not pose.is_into)
+    return pose
+
+
+def _direction(T: Array) -> int:
+    """0 for a right camera to the right of the left one, 1 for one above or below, 2 for one to the
+    left.
+    """
+    return 2 if is_backward(T) else 0 if is_backward(inverse(T)) else 1
 
 
 def _between(into: list[Array]) -> Array:
@@ -153,7 +183,7 @@ def _between(into: list[Array]) -> Array:
 
 def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
     """The one leaf of a role, by the sides that it names; None for none, one on either side, and
-    the left one's alone.
+    the left one's alone, or one into a camera's axes from those of a body.
     """
     if parts.pair(role) and not parts.get(role):
         return next(
@@ -162,6 +192,8 @@ def _one(parts: Parts, role: Role) -> tuple[Leaf, Side] | None:
     # the left camera's own place is not a transform to the right one
     sides: tuple[Side, ...] = ("", "both", "reversed", "right")
     found = next(((leaf, side) for side in sides if (leaf := parts.get(role, side))), None)
+    if found and leads_into_camera(words(found[0].path[-1])):
+        return None
     return (found[0], "") if found and found[1] == "right" else found
 
 

@@ -4,10 +4,12 @@ the remedy.
 
 import re
 
-_NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
-_TWO = rf"{_NUMBER}[,\t ]+{_NUMBER}"
 _FIRST_KEY = r"\A(?:%YAML.*\n\s*---|<\?xml.*>\s*<opencv_storage>)\s*<?"
 """Of a file of OpenCV."""
+
+DLT = "coefficients of a direct linear transformation (DLT)"
+DLT_COUNT = 11
+"""Coefficients of a camera."""
 
 FOREIGN = {
     "one lens of Metashape": r"<calibration>\s*<projection>",
@@ -19,9 +21,7 @@ FOREIGN = {
         r"|^[ \t]*(?:RotationOfCamera2|CameraParameters1):[ \t]*\["
     ),
     "rectification maps without their cameras": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",
-    "coefficients of a direct linear transformation (DLT)": (
-        rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z|<cal\.coeff\b|\bdlt_?coef"
-    ),
+    DLT: r"<cal\.coeff\b|\bdlt_?coef",
     "a camera of RealityCapture (XMP)": r"capturingreality\.com",
     "a project of Meshroom": r"\"intrinsicId\"\s*:",
     "a reconstruction or rig of OpenSfM": (
@@ -38,9 +38,31 @@ def foreign(text: str) -> str | None:
     is none of these.
     """
     for name, pattern in FOREIGN.items():
-        if re.search(pattern, text, re.MULTILINE):
+        if re.search(pattern, text, re.MULTILINE) or (name == DLT and _is_dlt(text)):
             return (
                 f"holds {name}, which is not supported: write both cameras and the transform "
                 "between them as cam.yaml, the native file of docs/calibration.md"
             )
     return None
+
+
+def _is_dlt(text: str) -> bool:
+    """Tell whether a text is a column or a row of eleven numbers for one camera or two, also below
+    a line of names.
+    """
+    lines = [line for line in text.splitlines() if line.strip()]
+    if len(lines) > DLT_COUNT + 1:
+        return False
+    rows = [_numbers(line) for line in lines]
+    counts = [len(row) for row in (rows if rows[:1] != [[]] else rows[1:])]
+    return counts in ([1] * DLT_COUNT, [2] * DLT_COUNT, [DLT_COUNT], [DLT_COUNT] * 2)
+
+
+def _numbers(line: str) -> list[float]:
+    """The numbers of a line that holds nothing else, also with decimal commas; else none."""
+    for cells in (re.split(r"[;\s]+", line.strip(" ;\t\r")), line.split(",")):
+        try:
+            return [float(cell.strip(" ,").replace(",", ".")) for cell in cells]
+        except ValueError:
+            continue
+    return []
