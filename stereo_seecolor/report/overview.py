@@ -181,19 +181,19 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
     done = phrase("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
     range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
     area_m2 = facts.map.area_m2 if facts.map else None
+    rugosity = _rugosity(facts.structure, length) if facts.structure else {}
     values = {
         "frames": done,
         "duration": facts.duration_s and duration(facts.duration_s),
         "track": facts.track_m and length(facts.track_m),
         "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
-        "rugosity": facts.structure
-        and phrase("fact.rugosity_value", **_rugosity(facts.structure, length)),
+        "rugosity": rugosity.get("rugosity"),
         "range": range_m and length(range_m),
         "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
         "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
     }
     return [
-        Fact(phrase(f"fact.{key}"), value) for key, value in values.items() if value
+        Fact(phrase(f"fact.{key}", **rugosity), value) for key, value in values.items() if value
     ] + _halving(facts)
 
 
