@@ -164,7 +164,8 @@ def count_colors(
     image, range_map = _pixels(frames, ranged, clock)
     divided = _divided(frames, light, pair.name, image, range_map.measured_m, clock)
     with clock("color"):
-        table = frames.source.corrector.measure(with_clipped(divided, image), range_map.measured_m)
+        counted = with_clipped(divided, image) if light else image
+        table = frames.source.corrector.measure(counted, range_map.measured_m)
     with clock("write"):
         cache.keep(path, key, [table.packed()])
     return row, table

@@ -5,6 +5,7 @@ usual exposure.
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,8 +69,11 @@ def with_clipped(divided: Image, image: Image) -> Image:
     Returns:
         (H, W, 3), the divided image; clipped pixels are as bright as in the image.
     """
-    clipped = (image >= FULL_AT * np.iinfo(image.dtype).max).any(axis=2, keepdims=True)
-    return np.maximum(divided, image, where=clipped, out=divided.copy())
+    red, green, blue = cv2.split(image)  # numpy takes five times as long over a short axis
+    clipped = cv2.max(cv2.max(red, green), blue) >= FULL_AT * np.iinfo(image.dtype).max
+    out = divided.copy()
+    out[clipped] = np.maximum(divided[clipped], image[clipped])
+    return out
 
 
 @lru_cache
