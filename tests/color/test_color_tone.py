@@ -161,6 +161,20 @@ def test_clipped_texture_is_of_one_hue_and_what_is_not_clipped_stays(depth):
     assert (found[plain] == alone.image[0]).all()
 
 
+@pytest.mark.parametrize("depth", [8, 16])
+def test_clipped_spots_have_the_hue_of_the_nearly_clipped_ones_around_them(depth):
+    rng = np.random.default_rng(4)
+    level = 0.95 * np.exp(0.12 * rng.standard_normal((60, 200, 1)))
+    light = np.minimum(level, 1.15) * np.array([1.1, 0.95, 0.95])  # pink
+    water = replace(CLEAR, white=np.array([0.6, 1.0, 1.0]))
+    image = encoded(light * water.white, depth)
+    found = Corrector(CONFIG).apply(image, np.full((60, 200), 2.0, np.float32), water, exposure=0.6)
+    clipped = found.unrecoverable & (image[..., 1:] == image.max()).all(axis=2)
+    assert 0.1 < clipped.mean() < 0.5
+    shown = linear(found.image)[clipped]
+    assert (shown[:, 1] / shown[:, 0]).mean() == pytest.approx(0.95 / 1.1, abs=0.05)  # gray: 1
+
+
 def test_where_noise_stops_a_channel_the_others_stand_in(monkeypatch):
     monkeypatch.setattr(water_gains, "OUTPUT_NOISE", LIMIT)
     range_m = np.tile(np.linspace(1, 12, 300, dtype=np.float32), (4, 1))

@@ -1,10 +1,10 @@
-"""The hue of pixels that lost it by clipping: the mean of their clipped neighbors with a hue.
+"""The hue of pixels that lost it by clipping: the mean of their bright neighbors with a hue.
 
 If one channel of a bright rock is clipped, the others still show its hue, for example yellow. If
 all are clipped, or two and the third is not below gray, the correction shows gray. On bright
-texture both cases alternate from pixel to pixel. So pixels of the second kind get the mean hue of
-pixels of the first kind around them, or gray if there are none. Channels that were not clipped do
-not change.
+texture both cases alternate from pixel to pixel, beside pixels that are nearly clipped. So pixels
+of the second kind get the mean hue of the others around them, or gray if there are none. Channels
+that were not clipped do not change.
 """
 
 from typing import Any
@@ -19,6 +19,10 @@ from stereo_seecolor.records import Image
 
 WIDTH, LEAST_PX = 0.012, 9
 """Width of the neighborhood: fraction of the image width, and least pixels."""
+NEARLY_FULL = 0.9
+"""Least encoded value of the brightest channel of a pixel that was not clipped but has the hue of
+its clipped neighbors, fraction of full scale.
+"""
 GRAY = 0.05
 """Least fraction of a neighborhood with a hue; below it, the pixel becomes gray."""
 
@@ -27,7 +31,7 @@ NEARLY_GRAY = 0.04
 
 
 def carry_hue(shown: Shown, bright: Image) -> NDArray[Any]:
-    """Give pixels without a hue that of their clipped neighbors; return the corrected image.
+    """Give pixels without a hue that of their bright neighbors; return the corrected image.
 
     Args:
         shown: The correction.
@@ -41,10 +45,15 @@ def carry_hue(shown: Shown, bright: Image) -> NDArray[Any]:
     no_hue = clipped & ((lost == 3) | ((lost == 2) & (least > (1 - NEARLY_GRAY) * most)))
     if not no_hue.any():
         return shown.image
-    partly = at[clipped & ~no_hue]
+    red, green, blue = cv2.split(bright)
+    brightest = cv2.max(cv2.max(red, green), blue)
+    nearly = (brightest >= NEARLY_FULL * top) & (brightest < FULL_FROM * top) & ~shown.unknown
+    with_hue = np.append(at[clipped & ~no_hue], np.flatnonzero(nearly))
     hue = np.zeros((bright.shape[0] * bright.shape[1], 4), np.float32)
-    hue[partly, :3] = colors[partly] / np.maximum(colors[partly].max(axis=1, keepdims=True), 1)
-    hue[partly, 3] = 1
+    hue[with_hue, :3] = colors[with_hue] / np.maximum(
+        colors[with_hue].max(axis=1, keepdims=True), 1
+    )
+    hue[with_hue, 3] = 1
     across = max(LEAST_PX, round(WIDTH * bright.shape[1]))
     mean = cv2.blur(hue.reshape(*bright.shape[:2], 4), (across, across)).reshape(-1, 4)[at[no_hue]]
     mixed = (mean[:, :3] + GRAY) / (mean[:, 3:] + GRAY)
