@@ -56,6 +56,24 @@ def rotation_from_vector(vector: Array) -> Array:
     )
 
 
+def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
+    """(..., 3, 3) Rz(yaw) Ry(pitch) Rx(roll), radians: body axes to those the angles are
+    measured in.
+    """
+    angles = np.broadcast_arrays(roll, pitch, yaw)
+    (cx, sx), (cy, sy), (cz, sz) = ((np.cos(angle), np.sin(angle)) for angle in angles)
+    one, none = np.ones_like(cx), np.zeros_like(cx)
+    about_x, about_y, about_z = (
+        np.stack(rows, axis=-1).reshape(*cx.shape, 3, 3)
+        for rows in (
+            (one, none, none, none, cx, -sx, none, sx, cx),
+            (cy, none, sy, none, one, none, -sy, none, cy),
+            (cz, -sz, none, sz, cz, none, none, none, one),
+        )
+    )
+    return np.asarray(about_z @ about_y @ about_x, np.float64)
+
+
 def quaternion(R: Array) -> Array:
     """(..., 4) as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
     from scipy.spatial.transform import Rotation

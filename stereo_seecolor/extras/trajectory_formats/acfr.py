@@ -4,8 +4,9 @@ with both image names.
 
 import numpy as np
 
+from calibration.transforms import rotation_from_euler
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_from_euler
+from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.records import GeoOrigin, Trajectory
