@@ -92,9 +92,7 @@ class FoundMistake:
 
 
 def may_be_wrong(rows: RowCheck) -> bool:
-    """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be
-    searched for.
-    """
+    """Whether rows disagree as no moved camera explains: a mistake should be searched for."""
     return rows.swapped or (rows.row_error_px > LIMITS.wrong_px and not rows.refusal)
 
 

@@ -146,9 +146,7 @@ class DiveRun:
     def outcomes(
         self, stage: str, work: Callable[[Item], Result], items: Sequence[Item], pairs: int
     ) -> Iterator[Result]:
-        """``work`` on each item, pairs or groups of pairs, where the run's work is done; ``pairs``
-        in all.
-        """
+        """``work`` on each item, a pair or a group, where the run works; ``pairs`` in all."""
         self.begin(stage, pairs)
         return self.options.compute.each(work, items)
 

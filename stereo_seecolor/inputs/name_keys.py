@@ -83,9 +83,7 @@ def number_pairs(lefts: Sequence[Path], rights: Sequence[Path]) -> list[tuple[Pa
 
 
 def _counted(paths: Sequence[Path]) -> dict[int, Path]:
-    """Files by the number that a counter would have that never starts again; none where a file has
-    no number.
-    """
+    """Files by the number of a counter that never restarts; none where one has no number."""
     found = {path: re.search(r"(?<!\d)\d+$", path.stem) for path in paths}
     numbers = {path: int(digits[0]) for path, digits in found.items() if digits}
     if len(numbers) < len(paths):
@@ -120,9 +118,7 @@ def _grouped(paths: Sequence[Path], key_of: Callable[[str], str]) -> Keys:
 
 
 def without_side(stem: str, side: str) -> str:
-    """A name without the word for its side, "left" or "right"; the name itself where nothing else
-    is in it.
-    """
+    """A name without the word for its side, "left" or "right"; the name if that is all."""
     rest = _SIDE_WORDS[side].sub("", stem)
     return re.sub(r"([_\-. ])[_\-. ]+", r"\1", rest).strip(_SEPARATORS) or stem
 

@@ -76,7 +76,7 @@ class VideoIndex:
         return np.searchsorted(middle, times_s)
 
 
-class KeptFrames(OrderedDict[int, Any]):
+class RecentFrames(OrderedDict[int, Any]):
     """The frames that were decoded last (av.VideoFrame), by number: KEPT_BYTES, four at least."""
 
     def keep(self, number: int, frame: Any) -> None:
@@ -88,22 +88,18 @@ class KeptFrames(OrderedDict[int, Any]):
 
 
 class VideoFile:
-    """A video of whose frames each can be had by its number, from any thread. Raises InputError,
-    DeviceError.
-    """
+    """A video whose frames are had by number, in any thread. Raises InputError, DeviceError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.index = _frame_index(path)
         self._lock = Lock()
-        self._kept = KeptFrames()
+        self._kept = RecentFrames()
         self._frames: Iterator[Any] = iter(())
         self._last: int | None = None
 
     def frame(self, number: int) -> Any:
-        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if there is none, or it
-        is damaged.
-        """
+        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if missing or damaged."""
         if not 0 <= number < len(self.index.pts):
             raise InputError(f"{self.path}: holds no frame {number}, but {len(self.index.pts)}")
         pts = int(self.index.pts[number])

@@ -165,9 +165,7 @@ class _Views:
 def _is_seen(
     points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats
 ) -> NDArray[np.bool_]:
-    """False where a frame's measured range differs from that of a cell, so that it sees something
-    else there.
-    """
+    """False where a frame's measured range differs from a cell's: it sees something else."""
     distance = np.linalg.norm(points_m - T_map_camera[:3, 3], axis=-1)
     measured = range_m[np.rint(v).astype(int), np.rint(u).astype(int)]
     with np.errstate(invalid="ignore"):

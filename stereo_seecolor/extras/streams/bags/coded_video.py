@@ -14,7 +14,7 @@ from stereo_seecolor.extras.streams.bags.coded_units import Coded, Units, codec_
 from stereo_seecolor.extras.streams.bags.messages import coding, decode
 from stereo_seecolor.files.camera_images import MAX_PIXELS
 from stereo_seecolor.files.tiff import encode_tiff
-from stereo_seecolor.inputs.video_file import NEAR_FRAMES, KeptFrames
+from stereo_seecolor.inputs.video_file import NEAR_FRAMES, RecentFrames
 from stereo_seecolor.inputs.video_frames import pixels
 from stereo_seecolor.inputs.video_streams import video_library
 
@@ -44,7 +44,7 @@ class CodedVideo:
         self.topic, self.notes = self._shown(topic)
         self._numbers = {id(entry): i for i, entry in enumerate(self._sent)}
         self._lock = Lock()
-        self._kept = KeptFrames()
+        self._kept = RecentFrames()
         self._frames: Iterator[tuple[int, Any | None]] = iter(())
         self._last = -1
 
@@ -172,9 +172,7 @@ def _coded(units: Units, entry: Entry) -> Coded:
 
 
 def open_video(bag: Bag, topic: Topic) -> CodedVideo | None:
-    """The video of a topic; None where its messages are images by themselves. Raises InputError,
-    DeviceError.
-    """
+    """The video of a topic; None if its messages are images. Raises InputError, DeviceError."""
     if topic.msgtype not in (*VIDEOS, *COMPRESSED_IMAGES) or not topic.entries:
         return None
     form = coding(decode(topic.entries[0]))
