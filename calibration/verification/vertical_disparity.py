@@ -185,7 +185,7 @@ class RowCheck:
 
     @property
     def air_in_water(self) -> bool:
-        """Whether rays bent as by a flat port in water explain rows that do not agree else."""
+        """Whether rays bent as by a flat port in water explain rows that disagree."""
         return self.causes.is_(IN_AIR) and not self._agree
 
     @property
