@@ -192,9 +192,7 @@ def _detected(image: NDArray[np.uint8], border_cells: int) -> list[tuple[int, Ar
 def _refined(
     image: NDArray[np.uint8], pixels: Array, sides_px: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Corners (n, 2) to a fraction of a pixel; and (n,) which moved little by it, and lie within
-    the image.
-    """
+    """Corners (n, 2) to a fraction of a pixel; (n,) which moved little, within the image."""
     windows = np.clip(SUBPIXEL_FRACTION * sides_px, 2, 15).astype(int)
     refined = pixels.astype(np.float32)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)

@@ -111,9 +111,7 @@ def _figures(bundle: Bundle) -> Array:
 
 
 def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore:
-    """``score``, its standard errors widened by how far other lens models that predict as well lie
-    from it.
-    """
+    """``score``, its errors widened by how far other lens models that predict as well lie."""
     best = min(scores, key=lambda other: other.rms_px)
     alike = [
         other

@@ -83,10 +83,8 @@ def _points_near_rows(
     """(n, 2) matched points of the left and right images that agree about the rows, and (n,) the
     number of the pair of each. Raises CalibrationError for too few.
     """
-    left, right = (
-        np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in all_matches)])
-        for side in ("left", "right")
-    )
+    joined = Matches.joined(all_matches)
+    left, right = joined.left, joined.right
     numbers = np.repeat(np.arange(len(all_matches)), [len(matches.left) for matches in all_matches])
     if len(left) >= MIN_MATCHES:
         kept = row_inliers(left, right, pair)

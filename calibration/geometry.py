@@ -86,16 +86,21 @@ class RectifiedPair:
         right_x = np.arange(along.shape[1], dtype=np.float32) - along
         return np.rot90((right_x < 0) | (right_x > along.shape[1] - 1), self.quarter_turns)
 
+    @property
+    def _slopes(self) -> tuple[Array, Array]:
+        """x / z of each column and y / z of each row of the left image."""
+        width, height = self.image_size
+        x = (np.arange(width, dtype=np.float64) - self.cx_left_px) / self.focal_px
+        return x, (np.arange(height, dtype=np.float64) - self.cy_px) / self.focal_px
+
     @cached_property
     def ray_length(self) -> Map:
         """The ratio range_m / depth_m of each pixel of the left image: (H, W), at least 1."""
-        width, height = self.image_size
-        x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
-        y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
-        lengths = np.empty((height, width), np.float32)
+        x, y = self._slopes
+        lengths = np.empty((len(y), len(x)), np.float32)
         # one by one: sums of whole images in double precision are four times the result
-        for row in range(height):
-            lengths[row] = np.sqrt(1 + x[0] ** 2 + y[row] ** 2)
+        for row in range(len(y)):
+            lengths[row] = np.sqrt(1 + x**2 + y[row] ** 2)
         return lengths
 
     def depth_from_disparity(self, disparity: Map) -> Map:
@@ -149,12 +154,10 @@ class RectifiedPair:
     @cached_property
     def rays(self) -> NDArray[np.float32]:
         """The unit vector along each pixel's ray in the rectified left camera: (H, W, 3)."""
-        width, height = self.image_size
-        x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
-        y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
-        rays = np.empty((height, width, 3), np.float32)
-        for row in range(height):  # as in ray_length
-            directions = np.stack(np.broadcast_arrays(x[0], y[row], 1.0), axis=-1)
+        x, y = self._slopes
+        rays = np.empty((len(y), len(x), 3), np.float32)
+        for row in range(len(y)):  # as in ray_length
+            directions = np.stack(np.broadcast_arrays(x, y[row], 1.0), axis=-1)
             rays[row] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         return rays
 

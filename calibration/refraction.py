@@ -136,9 +136,7 @@ class CameraInWater:
 def cameras_in_water(
     rig: StereoRig,
 ) -> tuple[Camera | CameraInWater, Camera | CameraInWater, Array]:
-    """Convert a rig to water: its two cameras, and the (4, 4) transform between their centers, left
-    to right.
-    """
+    """Convert a rig to water: two cameras, and the (4, 4) transform from left to right."""
     if not isinstance(rig.port, FlatPort):
         return rig.left, rig.right, rig.T_right_left
     left = CameraInWater(rig.left, rig.port.left, rig.port)

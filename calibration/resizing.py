@@ -57,9 +57,7 @@ def resize_factor(calibrated: Size, images: Size) -> float | None:
 
 
 def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") -> str:
-    """The error message for images that are not as large as those of the calibration in the file
-    ``calib``.
-    """
+    """The error message for images of another size than the calibration's in ``calib``."""
     mismatch = (
         f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
     )

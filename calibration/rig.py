@@ -343,7 +343,5 @@ def quarter_turns_of(R: Array) -> int:
 
 
 def roll(R: Array) -> float:
-    """The angle, in radians, of the rotation about the optical axis that the rotation (3, 3) is
-    nearest to.
-    """
+    """The angle, radians, of the rotation about the optical axis nearest to one (3, 3)."""
     return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))

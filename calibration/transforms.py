@@ -56,6 +56,22 @@ def rotation_from_vector(vector: Array) -> Array:
     )
 
 
+def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
+    """(..., 3, 3) Rz(yaw) Ry(pitch) Rx(roll), radians: body axes to the axes of the angles."""
+    angles = np.broadcast_arrays(roll, pitch, yaw)
+    (cx, sx), (cy, sy), (cz, sz) = ((np.cos(angle), np.sin(angle)) for angle in angles)
+    one, none = np.ones_like(cx), np.zeros_like(cx)
+    about_x, about_y, about_z = (
+        np.stack(rows, axis=-1).reshape(*cx.shape, 3, 3)
+        for rows in (
+            (one, none, none, none, cx, -sx, none, sx, cx),
+            (cy, none, sy, none, one, none, -sy, none, cy),
+            (cz, -sz, none, sz, cz, none, none, none, one),
+        )
+    )
+    return np.asarray(about_z @ about_y @ about_x, np.float64)
+
+
 def quaternion(R: Array) -> Array:
     """(..., 4) as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
     from scipy.spatial.transform import Rotation
@@ -64,9 +80,7 @@ def quaternion(R: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
-    """(..., 3, 3) rotations of quaternions (..., 4), x, y, z, w, of any length; NaN where zero or
-    not finite.
-    """
+    """(..., 3, 3) rotations of quaternions (..., 4), x, y, z, w, of any length; else NaN."""
     q = np.asarray(quaternion, np.float64)
     largest = np.abs(q).max(axis=-1, keepdims=True)
     q = q / np.where((largest > _LEAST_QUATERNION) & (largest < np.inf), largest, np.nan)
@@ -136,9 +150,7 @@ def scale_of(T: Array) -> float:
 
 
 def nearest_rotation(M: Array) -> Array:
-    """The rotations (..., 3, 3) nearest to any matrices (..., 3, 3), by their singular value
-    decompositions.
-    """
+    """The rotations (..., 3, 3) nearest to any matrices (..., 3, 3), by their SVD."""
     U, _, Vt = np.linalg.svd(M)
     U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     return np.asarray(U @ Vt)

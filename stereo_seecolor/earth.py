@@ -105,10 +105,13 @@ def geocentric_from_geodetic(
 
 def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
     """The directions east, north and up in geocentric axes, as rows: (3, 3)."""
-    from scipy.spatial.transform import Rotation  # see calibration/transforms.py
-
-    return np.asarray(
-        Rotation.from_euler(
-            "zx", [-90 - longitude_deg, latitude_deg - 90], degrees=True
-        ).as_matrix()
+    (sin_lat, cos_lat), (sin_lon, cos_lon) = (
+        (np.sin(angle), np.cos(angle)) for angle in np.radians([latitude_deg, longitude_deg])
+    )
+    return np.array(
+        [
+            [-sin_lon, cos_lon, 0],
+            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+        ]
     )

@@ -43,9 +43,7 @@ class InputError(SeeColorError):
 
 
 class FrameError(InputError):
-    """Missing or damaged files of one frame, without which the other frames can be used. name: the
-    frame's.
-    """
+    """Missing or damaged files of one frame; the others can be used. name: the frame's."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)

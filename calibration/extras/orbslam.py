@@ -24,9 +24,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig before rectification where the file holds it, else the rectified one that the file
-    describes.
-    """
+    """The rig before rectification where the file holds it, else the rectified one."""
     if document.has("LEFT.K"):
         return _old_raw(document)
     size = document.image_size("Camera.width", "Camera.height")

@@ -27,7 +27,7 @@ from calibration.formats.reading.lens_models import brown_terms
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
 from calibration.rig import Camera, StereoRig
-from calibration.transforms import inverse, rigid_transform
+from calibration.transforms import inverse, rigid_transform, rotation_from_euler
 
 Array = NDArray[np.float64]
 MARK = "SeaGIS .cam"
@@ -182,12 +182,8 @@ def _fitted(section: Section, K: Array, size: tuple[int, int]) -> Array:
 
 def _pose(section: Section, to_camera: bool) -> Array:
     """(4, 4) from the rig's axes (mm) to the camera's, x right and y down."""
-    # a quarter of a second, which other formats need not wait for
-    from scipy.spatial.transform import Rotation
-
-    R = Rotation.from_euler(
-        "xyz", [-section.number(name) for name in ("omega", "phi", "kappa")], degrees=True
-    ).as_matrix()
+    angles_deg = [-section.number(name) for name in ("omega", "phi", "kappa")]
+    R = rotation_from_euler(*np.radians(angles_deg))
     R = Y_DOWN @ (R if to_camera else R.T)
     center = np.array([section.number(name) for name in ("X", "Y", "Z")])
     return rigid_transform(R, -R @ center)

@@ -82,9 +82,7 @@ def load_rig_of_images(path: str | Path, image_size: Size) -> StereoRig:
 
 
 def format_name(path: str | Path) -> str:
-    """The format that load_rig takes ``path`` for, such as "kalibr". Raises CalibrationError if it
-    is none.
-    """
+    """The format that load_rig takes ``path`` for, such as "kalibr". Raises CalibrationError."""
     for document in _within(_documents(path)[0]):
         if name := _format_of(document):
             return name

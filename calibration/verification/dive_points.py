@@ -101,9 +101,7 @@ class Reading:
         return rectified_slopes(at_left, R_left, left), rectified_slopes(at_right, R_right, right)
 
     def points(self, left: Array, disparity: Array) -> Array:
-        """(n, 3) meters from the left camera, of rectified slopes and their disparity; NaN behind
-        infinity.
-        """
+        """(n, 3) meters from the left camera, of slopes and disparity; NaN behind infinity."""
         depth_m = np.linalg.norm(cameras_in_water(self.rig)[2][:3, 3]) / np.where(
             disparity > 0, disparity, np.nan
         )

@@ -79,9 +79,7 @@ class Causes:
         return fits and not self.parts
 
     def in_parts(self, before: "Causes", after: "Causes") -> "Causes":
-        """Add what explains the beginning and the end of the dive, where other causes explain each
-        of them.
-        """
+        """Add what explains the beginning and the end of the dive, if each has its own causes."""
         if not (before.best and after.best and before.explains and after.explains):
             return self
         same = before.best.causes == after.best.causes

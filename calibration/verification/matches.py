@@ -70,6 +70,15 @@ class Matches:
     left: Array
     right: Array
 
+    @classmethod
+    def joined(cls, several: "Sequence[Matches]") -> "Matches":
+        """The matches of several pairs, one after the other."""
+        none = np.zeros((0, 2))
+        return cls(
+            np.concatenate([none, *(one.left for one in several)]),
+            np.concatenate([none, *(one.right for one in several)]),
+        )
+
 
 def find_matches(
     rectification: Rectification,
@@ -137,7 +146,7 @@ def _match_near_rows(first: Described, second: Described, limits: MatchLimits) -
     """Match the features of two rectified images whose points lie near each other's rows, as the
     cameras of a wide rig see them; none where their rows do not agree, as of two scenes.
     """
-    none = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+    none = Matches.joined(())
     if min(len(first.points), len(second.points)) < limits.least:
         return none
     band_px = limits.band_fraction * len(first.image)
@@ -255,7 +264,7 @@ def _refine(
     images: list[NDArray[np.uint8]], left: NDArray[np.float32], right: NDArray[np.float32]
 ) -> Matches:
     if len(left) == 0:
-        return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+        return Matches.joined(())
     there, found = _follow(images[0], images[1], left, right)
     back, found_back = _follow(images[1], images[0], there, left)
     kept = (

@@ -92,9 +92,7 @@ class FoundMistake:
 
 
 def may_be_wrong(rows: RowCheck) -> bool:
-    """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be
-    searched for.
-    """
+    """Whether rows disagree as no moved camera explains: a mistake should be searched for."""
     return rows.swapped or (rows.row_error_px > LIMITS.wrong_px and not rows.refusal)
 
 
@@ -109,7 +107,7 @@ def likely_mistake(
     if rig.port is not None:
         return None
     fitting = [(left, right) for left, right in pairs if _are_of(rig, left, right)]
-    points = _together([similar_points(left, right) for left, right in fitting])
+    points = Matches.joined([similar_points(left, right) for left, right in fitting])
     given = fit_of(rig, points)
     behind = (
         f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, "
@@ -123,7 +121,7 @@ def likely_mistake(
     if found := _explaining(rig, points, others, given, as_given, most_px):
         return found
     width = rig.right.image_size[0]
-    mirrored = _together(
+    mirrored = Matches.joined(
         [similar_points(left, np.ascontiguousarray(right[:, ::-1])) for left, right in fitting]
     )
     if len(mirrored.left) < LIMITS.better * len(points.left):
@@ -173,14 +171,6 @@ def _explaining(
 
 def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic]) -> bool:
     return left.shape[1::-1] == rig.left.image_size and right.shape[1::-1] == rig.right.image_size
-
-
-def _together(matches: list[Matches]) -> Matches:
-    left, right = (
-        np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in matches)])
-        for side in ("left", "right")
-    )
-    return Matches(left, right)
 
 
 def fit_of(

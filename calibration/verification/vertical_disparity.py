@@ -185,9 +185,7 @@ class RowCheck:
 
     @property
     def air_in_water(self) -> bool:
-        """Tell whether bending the rays as a flat port in water does explains rows that do not
-        agree without it.
-        """
+        """Whether rays bent as by a flat port in water explain rows that disagree."""
         return self.causes.is_(IN_AIR) and not self._agree
 
     @property

@@ -15,9 +15,7 @@ ONE = (
 
 
 class RepeatedImages:
-    """Compares each pair of a dive, by the hashes of its files, with the one before it whose files
-    were read.
-    """
+    """Compares each pair, by the hashes of its files, with the last one that was read."""
 
     def __init__(self) -> None:
         self._before: Mapping[str, str] = {}

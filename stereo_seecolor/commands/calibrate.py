@@ -31,9 +31,7 @@ same place.
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """A calibration and its files. coverage: a picture of the places in the images where corners
-    were found.
-    """
+    """A calibration and its files. coverage: a picture of where corners were found."""
 
     report: CalibrationReport
     calibration: Path

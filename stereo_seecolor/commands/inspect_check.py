@@ -67,9 +67,7 @@ class Tested:
 
     @property
     def agrees(self) -> bool:
-        """True unless sample pairs show that no ranges can be had from these images with this
-        calibration.
-        """
+        """False where sample pairs show that this calibration gives no ranges for these images."""
         return self.fitting and not (self.rows and self.rows.refusal)
 
     @property

@@ -45,9 +45,7 @@ class RunPage:
         return partial(early_files, self.run.rectification.pair)
 
     def keep(self) -> None:
-        """Keep the live page until the final one replaces it: a browser that finds no page stops
-        reloading.
-        """
+        """Keep the live page until the final one is there: without it, browsers stop reloading."""
         dive = self.folder.dive.record
         if self.options.page == "live" and INDEX in dive.files:
             self.folder.dive.update(

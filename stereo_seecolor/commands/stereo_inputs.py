@@ -102,9 +102,7 @@ class StereoInputs:
         return Owner(kind, paths, sample(pairs[0].left if pairs else self.left), pairs)
 
     def open_first(self, config: RunConfig) -> "Opened | None":
-        """``open`` for images, before the output folder is touched; None for videos, which
-        ``open_in`` opens.
-        """
+        """``open`` for images, before OUT is touched; None for videos, see ``open_in``."""
         return None if is_video(self.left) and is_video(self.right) else self.open(config)
 
     def open(self, config: RunConfig) -> "Opened":

@@ -57,6 +57,4 @@ class Compute(Protocol):
         """
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """``each`` for work that fills the memory and uses all cores of a machine, such as a tile
-        of the map.
-        """
+        """``each`` for work that fills the memory and uses all cores, such as a map's tile."""

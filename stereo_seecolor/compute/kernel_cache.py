@@ -301,9 +301,7 @@ def _user() -> int:
 
 
 def _private(folder: Path) -> bool:
-    """Make a folder where there is none. True for one of this user, no link, that nobody else may
-    write into.
-    """
+    """Make a folder if needed. True for one of this user, no link, writable by no other."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

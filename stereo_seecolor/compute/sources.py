@@ -20,9 +20,7 @@ _IMPORT = re.compile(
 
 @cache
 def sources_digest(file: Path) -> str:
-    """SHA-256 of a source file and of all files of the package that it imports, directly or through
-    others.
-    """
+    """SHA-256 of a source file and of all files of the package that it imports."""
     found, waiting = {file}, [file]
     while waiting:
         more = _imports(waiting.pop()) - found

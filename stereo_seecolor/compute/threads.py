@@ -35,9 +35,7 @@ class Threads:
         return 1
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every item, in order. Closing the iterator finishes work under way, and
-        begins no more.
-        """
+        """``work`` of every item, in order. Closing the iterator finishes what is under way."""
         waiting: deque[Future[Result]] = deque()
         with ThreadPoolExecutor(self._workers) as pool:
             try:

@@ -98,9 +98,7 @@ class DeviceCorrector(Corrector):
 
 
 def count(image: Tensor, range_m: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts and offset sums of a moment table, of an image (H, W, 3), 8 or 16 bits, and its ranges
-    (H, W).
-    """
+    """Counts and offset sums of a moment table, of an image (H, W, 3) and ranges (H, W)."""
     pixels = _pixels(image)
     return count_pixels(pixels, _bits(range_m), values)
 

@@ -15,9 +15,7 @@ _FAR, _P1_SHIFT = tl.constexpr(compiled.FAR), tl.constexpr(compiled.P1_SHIFT)
 
 
 def along(cost: Tensor, p2: Tensor, total: Tensor, kept: slice) -> None:
-    """``sgm.along`` with the same results; one direction after the other, since both add to the
-    same sums.
-    """
+    """``sgm.along`` with the same results; one direction after the other, for common sums."""
     strips, steps, lines, number = cost.shape
     block = triton.next_power_of_2(number)
     for forward in (True, False):

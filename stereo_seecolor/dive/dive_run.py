@@ -98,7 +98,7 @@ class DiveRun:
         passes: Sequence[str],
         page: PageFiles | None = None,
     ) -> None:
-        """passes: over the pairs, of the command. Pixels are kept from one to the next."""
+        """passes: of the command, over the pairs. Pixels are kept from one to the next."""
         self.pairs: Sequence[Pair] = pairing.pairs
         self.plan = KeptPlan.load(folder.root, len(self.pairs), source.config)
         self.folder, self.options, self.page = folder, options, page
@@ -146,9 +146,7 @@ class DiveRun:
     def outcomes(
         self, stage: str, work: Callable[[Item], Result], items: Sequence[Item], pairs: int
     ) -> Iterator[Result]:
-        """``work`` on each item, pairs or groups of pairs, where the run's work is done; ``pairs``
-        in all.
-        """
+        """``work`` on each item, a pair or a group, where the run works; ``pairs`` in all."""
         self.begin(stage, pairs)
         return self.options.compute.each(work, items)
 

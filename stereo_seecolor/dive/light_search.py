@@ -274,9 +274,7 @@ class _Links:
         self.frames = np.zeros(frames, np.bool_)
 
     def add(self, frames: NDArray[np.int64]) -> None:
-        """Add the frames of a window, its own first. Frames of loops, which are farther back, are
-        not linked.
-        """
+        """Add the frames of a window, its own first. Frames of loops are not linked."""
         near = frames[frames[0] - frames <= max(LOOK.back)]
         self.frames[near.min() + 1 : near.max() + 1] = True
 

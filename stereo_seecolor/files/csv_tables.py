@@ -124,9 +124,7 @@ DECIMAL_COMMA = r"(?<![^{0}\n])([+-]?\d+),(\d+)(?=[{0}\n]|$)"
 
 
 def dict_reader(text: str) -> "csv.DictReader[str]":
-    """The rows of a table that people wrote, with decimal commas where no comma stands between its
-    columns.
-    """
+    """The rows of a table that people wrote, with decimal commas where commas do not separate."""
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     separator = separator_of(text.partition("\n")[0].strip())
     if separator != ",":

@@ -99,9 +99,7 @@ def _is_whole(content: bytes) -> bool:
 
 
 def eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """A corrected image of any output format, one channel for monochrome cameras, as (H, W, 3)
-    8-bit sRGB.
-    """
+    """A corrected image of any format, gray for monochrome cameras, as (H, W, 3) 8-bit sRGB."""
     if image.dtype == np.uint16:
         image = image >> 8
     elif image.dtype == np.float32:

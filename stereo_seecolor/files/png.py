@@ -17,9 +17,7 @@ Chunks = Mapping[bytes, bytes]
 
 
 def encode_png(pixels: NDArray[np.generic], chunks: Chunks | None = None) -> bytes:
-    """Encode (H, W), or (H, W, 3) RGB, of uint8 or uint16. chunks: further ones, written before the
-    pixels.
-    """
+    """Encode (H, W), or (H, W, 3) RGB, of uint8 or uint16. chunks: written before the pixels."""
     return _file(pixels, deflated(_averaged(pixels).data), chunks or {})
 
 

@@ -73,9 +73,7 @@ def _stems(source: Path) -> Iterator[str]:
 def _folder_by_folder(
     lefts: dict[str, Path], rights: dict[str, Path], config: InputConfig
 ) -> Pairing:
-    """Folders of the same key are paired, in the order of the left ones; files of the others have
-    no partner.
-    """
+    """Folders of the same key are paired, in the left ones' order; others have no partner."""
     pairs: list[Pair] = []
     unpaired: list[Unpaired] = []
     notes: dict[str, None] = {}

@@ -44,9 +44,7 @@ def half_path(image: Path, side: str) -> Path:
 
 
 def pair_halves(listing: Listing, right_half_first: bool) -> Pairing:
-    """The halves of each image as a pair. right_half_first: the left (or upper) half is the right
-    camera's.
-    """
+    """Each image's halves as a pair. right_half_first: left or upper is the right camera's."""
     first, second = SIDES[::-1] if right_half_first else SIDES
     pairs = [
         pair_of(image.stem, half_path(image, first), half_path(image, second))

@@ -163,9 +163,7 @@ def _grouped(paths: Sequence[Path], key_of: Callable[[str], str]) -> Keys:
 
 
 def without_side(stem: str, side: str) -> str:
-    """A name without the word for its side, "left" or "right"; the name itself where nothing else
-    is in it.
-    """
+    """A name without the word for its side, "left" or "right"; the name if that is all."""
     rest = _SIDE_WORDS[side].sub("", stem)
     return re.sub(r"([_\-. ])[_\-. ]+", r"\1", rest).strip(_SEPARATORS) or stem
 

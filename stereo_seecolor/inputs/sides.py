@@ -190,9 +190,7 @@ def _both_in_each(images: Iterable[Path]) -> Sides | None:
 
 
 def _in_one_folder(folder: Path) -> Sides:
-    """Patterns for the two sides of a folder that holds both: names that differ in more than their
-    numbers.
-    """
+    """Patterns for the two sides of one folder: names that differ not in numbers alone."""
     shapes = Counter(
         _NUMBER.sub(lambda found: found["side"] or "*", path.name)
         for path in list_images(folder, "images").files
@@ -220,9 +218,7 @@ def _in_one_folder(folder: Path) -> Sides:
 
 
 def _shows_both(folder: Path) -> bool:
-    """Whether each image may show both sides, side by side or one above the other, by the shape of
-    the first.
-    """
+    """Whether each image may show both sides, by the shape of the first."""
     try:
         width, height = image_size(read_image_bytes(list_images(folder, "images").files[0]))
     except (InputError, ValueError):

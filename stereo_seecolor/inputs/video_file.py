@@ -76,23 +76,30 @@ class VideoIndex:
         return np.searchsorted(middle, times_s)
 
 
+class RecentFrames(OrderedDict[int, Any]):
+    """The frames that were decoded last (av.VideoFrame), by number: KEPT_BYTES, four at least."""
+
+    def keep(self, number: int, frame: Any) -> None:
+        """Keep a frame in place of the oldest."""
+        self[number] = frame
+        most = max(4, KEPT_BYTES // sum(plane.buffer_size for plane in frame.planes))
+        while len(self) > most:
+            self.popitem(last=False)
+
+
 class VideoFile:
-    """A video of whose frames each can be had by its number, from any thread. Raises InputError,
-    DeviceError.
-    """
+    """A video whose frames are had by number, in any thread. Raises InputError, DeviceError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.index = _frame_index(path)
         self._lock = Lock()
-        self._kept: OrderedDict[int, Any] = OrderedDict()
+        self._kept = RecentFrames()
         self._frames: Iterator[Any] = iter(())
         self._last: int | None = None
 
     def frame(self, number: int) -> Any:
-        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if there is none, or it
-        is damaged.
-        """
+        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if missing or damaged."""
         if not 0 <= number < len(self.index.pts):
             raise InputError(f"{self.path}: holds no frame {number}, but {len(self.index.pts)}")
         pts = int(self.index.pts[number])
@@ -131,7 +138,7 @@ class VideoFile:
             if frame.pts is None:
                 continue
             self._last = frame.pts
-            self._keep(frame)
+            self._kept.keep(frame.pts, frame)
             if frame.pts >= pts:
                 return bool(frame.pts == pts)
         self._last = None
@@ -154,12 +161,6 @@ class VideoFile:
             if pts > self.index.pts[0]:
                 container.seek(pts, stream=stream)
             yield from decoded(container, stream)
-
-    def _keep(self, frame: Any) -> None:
-        self._kept[frame.pts] = frame
-        most = max(4, KEPT_BYTES // sum(plane.buffer_size for plane in frame.planes))
-        while len(self._kept) > most:
-            self._kept.popitem(last=False)
 
 
 def video_file(path: Path) -> VideoFile:

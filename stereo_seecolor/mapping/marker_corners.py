@@ -29,9 +29,7 @@ SETTINGS = EdgeSettings()
 
 
 def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
-    """Refine rough corners (4, 2) of a dark square; they are returned unchanged where a side cannot
-    be seen.
-    """
+    """Refine rough corners (4, 2) of a dark square; unchanged where a side cannot be seen."""
     sides = [_side(gray, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
     if any(side is None for side in sides):
         return corners_px

@@ -64,9 +64,7 @@ class Places:
 
 
 def read_bars(path: Path) -> dict[tuple[int, int], float]:
-    """Scale bars: numbers of the markers at both ends -> length, meters. Raises InputError, naming
-    the line.
-    """
+    """Scale bars: both markers' numbers -> length, meters. Raises InputError, with the line."""
     rows, columns, units = _table(path, BAR, ("first", "second", "length"))
     bars: dict[tuple[int, int], float] = {}
     for where, cells in rows:

@@ -170,9 +170,7 @@ def size_check(markers: Sequence[PlacedMarker], edge_m: float, cells: int) -> Sc
 def bar_checks(
     markers: Sequence[PlacedMarker], bars: dict[tuple[int, int], float]
 ) -> dict[tuple[int, int], ScaleCheck]:
-    """Distances of markers' middles against known lengths; a bar of which an end was not found is
-    left out.
-    """
+    """Distances of markers' middles against known lengths; bars without an end are left out."""
     found = {marker.number: marker for marker in markers}
     checks = {}
     for (first, second), length_m in bars.items():

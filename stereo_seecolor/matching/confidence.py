@@ -53,9 +53,7 @@ def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
 
 
 def least_odds(least: float) -> float:
-    """Compute the log odds (base 2) below which no confidence reaches ``least`` (0..1), less a
-    little for rounding.
-    """
+    """The log odds (base 2) below which no confidence reaches ``least``, less for rounding."""
     return float(np.log2(max(least, 1e-30)) - np.log2(max(1 - least, 1e-30))) - 1e-3
 
 

@@ -12,6 +12,7 @@ from stereo_seecolor.matching.census import Census, census
 from stereo_seecolor.matching.gray import Gray
 from stereo_seecolor.records import Map
 
+Indices = NDArray[np.int64]
 FULL_SCALE = 65280
 """Gray of 255 in an 8-bit image."""
 
@@ -221,14 +222,22 @@ def _row_costs(left: Census, right: Census, disparity: Map, most: int) -> NDArra
     """Bits by which matched pixels differ, for shifts of rows from -most to most; every 16th pixel
     of every 16th row.
     """
-    height, width = disparity.shape
-    y, x = np.mgrid[most : height - most : 16, 0:width:16]
-    known = np.isfinite(disparity[y, x])
-    y, x = y[known], x[known]
-    met = np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)
+    y, x, met = _matched(disparity, most, 16)
     shifted = right[y + np.arange(-most, most + 1)[:, None], met]
     differing = np.bitwise_count(left[y, x] ^ shifted)
     return np.asarray(differing.sum(axis=1), np.float64)
+
+
+def _matched(disparity: Map, margin: int, every: int) -> tuple[Indices, Indices, Indices]:
+    """(n,) row, column and column in the right image of matched pixels: every so many pixels of
+    every so many rows, without a margin above and below.
+    """
+    height, width = disparity.shape
+    rows = np.arange(margin, height - margin, every)  # none in a small image
+    y, x = np.meshgrid(rows, np.arange(0, width, every), indexing="ij")
+    known = np.isfinite(disparity[y, x])
+    y, x = y[known], x[known]
+    return y, x, np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)
 
 
 def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
@@ -241,26 +250,21 @@ def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
     right images blurred by 1, 2, 3 pixels 0.8, 0.53, 0.37 (drawn), 0.88, 0.62, 0.43 (real).
     """
     reach, every = DIAGNOSTICS_CONSTANTS.coarse_px, DIAGNOSTICS_CONSTANTS.detail_every
-    height, width = disparity.shape
-    rows = np.arange(reach, height - reach, every)  # none in a small image
-    y, x = np.meshgrid(rows, np.arange(0, width, every), indexing="ij")
-    known = np.isfinite(disparity[y, x])
-    y, x = y[known], x[known]
-    met = np.clip(x - np.rint(disparity[y, x]).astype(np.int64), 0, width - 1)
+    y, x, met = _matched(disparity, reach, every)
     if not y.size:
         return float("nan")
     of_left, of_right = _sharpness(left, y, x), _sharpness(right, y, met)
     return of_right / of_left if of_left else float("nan")
 
 
-def _sharpness(image: Gray, y: NDArray[np.int64], x: NDArray[np.int64]) -> float:
+def _sharpness(image: Gray, y: Indices, x: Indices) -> float:
     """The contrast of details over that of coarse ones; NaN where there are none."""
     coarse = _contrast(image, y, x, DIAGNOSTICS_CONSTANTS.coarse_px)
     fine = _contrast(image, y, x, DIAGNOSTICS_CONSTANTS.detail_px)
     return fine / coarse if coarse else float("nan")
 
 
-def _contrast(image: Gray, y: NDArray[np.int64], x: NDArray[np.int64], reach: int) -> float:
+def _contrast(image: Gray, y: Indices, x: Indices, reach: int) -> float:
     """Median contrast of pixels with those ``reach`` rows above and below."""
     above, here, below = (image[y + step, x].astype(np.float64) for step in (-reach, 0, reach))
     light = above + 2 * here + below + DIAGNOSTICS_CONSTANTS.least_light

@@ -65,9 +65,7 @@ class ReducedMatcher:
         return self._matcher.matched(small)
 
     def known(self, range_map: RangeMap) -> float:
-        """Compute the fraction of the pixels at full size with a range in ``range_map``, the result
-        of ``matched``.
-        """
+        """The fraction of full-size pixels with a range in ``range_map``, of ``matched``."""
         width, height = self._size
         return int(np.isfinite(range_map.disparity).sum()) * self._shrink**2 / (width * height)
 
@@ -143,9 +141,7 @@ class DetailMatcher:
         return self._built[shrink]
 
     def _at_smaller_size(self, frame: StereoFrame, known: float) -> RangeMap | None:
-        """The range map at a size that knows more than this fraction of the pixels; None if there
-        is none.
-        """
+        """The range map at a size that knows more than this fraction of the pixels; else None."""
         best: tuple[ReducedMatcher, RangeMap, int] | None = None
         for shrink in self._sizes:
             matcher = self.at(shrink)

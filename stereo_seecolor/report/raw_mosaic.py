@@ -75,8 +75,8 @@ class RawMosaic:
 
     def colors_of(self, piece: Piece, offset_m: list[float]) -> NDArray[np.uint8]:
         """(N, 3) the colors of a piece's vertices; gray where no frame sees them."""
-        grid = self.terrain.grid.moved(-np.array(offset_m))
-        cells = np.rint(grid.pixels(piece.points_m)).astype(int)
+        grid = self.terrain.grid
+        cells = np.floor(grid.pixels(piece.points_m + offset_m) + 0.5).astype(int)
         columns, rows = np.clip(cells, 0, np.array(grid.shape[::-1]) - 1).T
         found = np.asarray(self.rgba[rows, columns])
         let_go(self.rgba)
@@ -95,10 +95,8 @@ def painted_from(posed: PosedRun) -> list[str]:
 def _points(terrain: TerrainImages, box: Box, offset_m: Floats) -> Floats:
     """(h, w, 3) of the cells' centers in the map's own coordinates, NaN if unknown."""
     left, top, width, height = box
-    grid = terrain.grid.moved(-offset_m)
-    x, y = grid.centers(slice(top, top + height), slice(left, left + width))
-    z = terrain.heights_m(box).astype(np.float64) - offset_m[2]
-    return np.stack([x, y, z], axis=-1)
+    x, y = terrain.grid.centers(slice(top, top + height), slice(left, left + width))
+    return np.stack([x, y, terrain.heights_m(box)], axis=-1) - offset_m
 
 
 class _Views:
@@ -167,9 +165,7 @@ class _Views:
 def _is_seen(
     points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats
 ) -> NDArray[np.bool_]:
-    """False where a frame's measured range differs from that of a cell, so that it sees something
-    else there.
-    """
+    """False where a frame's measured range differs from a cell's: it sees something else."""
     distance = np.linalg.norm(points_m - T_map_camera[:3, 3], axis=-1)
     measured = range_m[np.rint(v).astype(int), np.rint(u).astype(int)]
     with np.errstate(invalid="ignore"):

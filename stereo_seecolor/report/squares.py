@@ -93,9 +93,7 @@ def squared_roughness(
 def roughness_without_noise(
     found: Array, correlation_cells: float, cells: int
 ) -> tuple[Array, Array]:
-    """(N, 4) the ROUGHNESS of squares and its standard errors, from ``observed`` of
-    ``squared_roughness``.
-    """
+    """(N, 4) ROUGHNESS of squares and its errors, from ``observed`` of ``squared_roughness``."""
 
     def derived(squared: Array) -> Array:
         own = np.maximum(squared.reshape(-1, len(ROUGHNESS)), 0)

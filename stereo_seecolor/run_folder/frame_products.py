@@ -136,9 +136,7 @@ class FrameProducts:
         return frame
 
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
-        """Note what a worker did for a frame: the stages that it wrote, and the files that it moved
-        aside.
-        """
+        """Note what a worker did for a frame: stages that it wrote, files that it moved aside."""
         for stage in written:
             self.written.add(stage, name)
         self._owned.set_aside += [path for path in aside if path not in self._owned.set_aside]

@@ -185,9 +185,7 @@ def check_lease(root: Path, token: str) -> None:
 
 
 def writer(root: Path) -> str:
-    """Describe who writes into OUT now, for the user; "" where nobody does, or the holder's lease
-    is stale.
-    """
+    """Who writes into OUT now, for the user; "" where nobody does, or the lease is stale."""
     try:
         holder = Holder.load(root)
     except OSError:

@@ -102,9 +102,7 @@ class DiveRecord:
     made_from: dict[str, str] = field(default_factory=dict)
 
     def is_current(self, frame: FrameRecord, stage: Stage) -> bool:
-        """Tell whether a stage of a frame was finished with the settings, and with the water, of
-        the latest run.
-        """
+        """Whether a stage of a frame has the settings, and the water, of the latest run."""
         record = frame.stages.get(stage)
         if record is None or record.settings != self.settings.get(stage):
             return False

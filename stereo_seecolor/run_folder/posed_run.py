@@ -47,9 +47,7 @@ class PosedRun:
 
     @property
     def survey(self) -> SurveyFrames:
-        """The frames with their ranges as the map takes them, each read when asked for. Raises
-        InputError.
-        """
+        """The frames with their ranges as the map takes them, one by one. Raises InputError."""
         return SurveyFrames(self.run, self.map.range_scale, self.frames)
 
     @property
@@ -74,9 +72,7 @@ class PosedRun:
 
     @property
     def principal_point_px(self) -> tuple[float, float]:
-        """The principal point as most programs count pixels: (0.5, 0.5) is the center of the top
-        left one.
-        """
+        """The principal point as most programs count: (0.5, 0.5) is the first pixel's center."""
         return self.geometry.cx_left_px + 0.5, self.geometry.cy_px + 0.5
 
     @cached_property

@@ -40,9 +40,7 @@ class Stamp:
             return False
 
     def is_of(self, path: Path) -> bool:
-        """Tell whether ``path`` is a regular file, no link, with exactly the stamped content; all
-        of it is read.
-        """
+        """Whether ``path`` is a regular file with exactly the stamped content, read whole."""
         try:
             return self._size_matches(path) and _digest(path) == self.digest
         except OSError:

@@ -20,17 +20,18 @@ class PaintedSurface:
     bound_m: float
 
 
+def edge_keys(triangles: NDArray[np.integer]) -> NDArray[np.int64]:
+    """A number for each edge, k from corner k to k + 1, the same both ways: (3 F,) of (F, 3)."""
+    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    low, high = np.sort(ends.astype(np.int64), axis=1).T
+    return np.asarray(low << 32 | high)
+
+
 def neighbors(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
     """Find the triangle across each edge, k from corner k to k + 1: (F, 3); -1 at the boundary, and
     where more than two meet.
     """
-    ends = np.sort(
-        np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
-        .reshape(-1, 2)
-        .astype(np.int64),
-        axis=1,
-    )
-    key = ends[:, 0] << 32 | ends[:, 1]
+    key = edge_keys(triangles)
     order = np.argsort(key, kind="stable")
     ordered = key[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))

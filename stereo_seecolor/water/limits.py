@@ -12,9 +12,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits beyond which no water lies. A fit to noise may come near; within them arithmetic stays
-    finite.
-    """
+    """Limits beyond which no water lies; within them arithmetic stays finite."""
 
     light: float = 1e6
     """Fraction of full scale: more than any bright water at any exposure."""

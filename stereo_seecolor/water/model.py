@@ -252,8 +252,6 @@ def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDA
 
 
 def _channels(values: Any) -> Any:
-    """(3,) float64, NaN for null; what is not a list of numbers stays as it is, to be named by the
-    limits.
-    """
+    """(3,) float64, NaN for null; what is not numbers stays, to be named by the limits."""
     is_list = isinstance(values, list) and all(isinstance(v, Real | None) for v in values)
     return np.array([np.nan if v is None else v for v in values], np.float64) if is_list else values

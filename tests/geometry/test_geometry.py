@@ -6,7 +6,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration import Camera, Rectification, RectifiedPair, StereoRig
-from calibration.transforms import rotation_from_vector
+from calibration.transforms import (
+    rotation_from_euler,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
 
 PAIR = RectifiedPair(
     focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60)
@@ -81,3 +85,21 @@ def test_points_are_projected_to_the_pixels_that_show_them() -> None:
     points = PAIR.points_from_range(np.full((60, 80), 2.0, np.float32))
     y, x = np.mgrid[:60, :80]
     np.testing.assert_allclose(PAIR.project(points), np.stack([x, y], axis=-1), atol=1e-4)
+
+
+def test_euler_angles_and_quaternions_make_the_rotations_that_scipy_makes() -> None:
+    rng = np.random.default_rng(2)
+    roll, pitch, yaw = rng.uniform(-np.pi, np.pi, (3, 4, 5))
+    expected = Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], -1).reshape(-1, 3))
+    np.testing.assert_allclose(
+        rotation_from_euler(roll, pitch, yaw).reshape(-1, 3, 3), expected.as_matrix(), atol=1e-15
+    )
+    assert rotation_from_euler(0.1, 0.2, 0.3).shape == (3, 3)
+    xyzw = rng.normal(size=(50, 4)) * 10.0 ** rng.uniform(-200, 200, (50, 1))
+    np.testing.assert_allclose(
+        rotation_from_quaternion(xyzw),
+        Rotation.from_quat(xyzw / np.abs(xyzw).max(axis=1, keepdims=True)).as_matrix(),
+        atol=1e-15,
+    )
+    for unknown in ([0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 1]):
+        assert np.isnan(rotation_from_quaternion(unknown)).all()

@@ -45,9 +45,7 @@ ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable of a class: what system it belongs to ("MCOS"), its class, and where the subsystem
-    holds it.
-    """
+    """A variable of a class: its system ("MCOS"), its class, its place in the subsystem."""
 
     system: str
     class_name: str

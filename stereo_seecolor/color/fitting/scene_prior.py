@@ -104,9 +104,7 @@ def _mean_color(settings: RobustConfig) -> Matrix:
 
 
 def deviations(covariance: Matrix) -> Matrix:
-    """Compute (5, 3) standard deviations from the covariance (15, 15); those of the white point
-    without their mean.
-    """
+    """(5, 3) standard deviations from the covariance (15, 15); of white without its mean."""
     color = np.eye(3) - 1 / 3
     variances = np.diag(covariance).reshape(5, 3).copy()
     variances[4] = np.diag(color @ covariance[12:, 12:] @ color)

@@ -129,9 +129,7 @@ def _display(codes: Any, factors: Any, zero: Any, by_pixel: Any, out: Any) -> No
 
 @compiled
 def count_full(values: Any, full: int) -> Any:
-    """Count the pixels (N * 3,) with a channel at full scale; in 32 bits, so that the compiler
-    vectorizes it.
-    """
+    """Count the pixels (N * 3,) with a channel at full scale; 32 bits vectorize."""
     number = np.int32(0)
     for i in range(values.size // 3):
         number += np.int32(max(values[3 * i], max(values[3 * i + 1], values[3 * i + 2])) == full)

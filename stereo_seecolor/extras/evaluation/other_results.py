@@ -16,9 +16,7 @@ from stereo_seecolor.records import Image
 
 @dataclass(frozen=True, eq=False)
 class OtherResults:
-    """Corrected images of other tools. folders: name of a method -> stem of an image -> its
-    corrected image.
-    """
+    """Corrected images of other tools. folders: method -> stem of an image -> its result."""
 
     folders: dict[str, dict[str, Path]]
 

@@ -192,9 +192,7 @@ def _spots(names: Sequence[str], spots: Mapping[str, Sequence[str]]) -> Targets:
 def _check_places(
     targets: Path | None, given: Targets, image_size: tuple[int, int], names: Sequence[str]
 ) -> None:
-    """Raise InputError for targets of which none is of a frame of the run, or that lie outside its
-    images.
-    """
+    """Raise InputError if no target is of a frame of the run, or some lie outside its images."""
     if given and not given.keys() & set(names):
         raise InputError(
             f"{targets}: names no frame of the run: the first is {next(iter(given))!r}, not as "
@@ -277,9 +275,7 @@ def _one_water(run: FinishedRun, names: list[str]) -> Water:
 
 
 def _light_of(run: FinishedRun) -> Light | None:
-    """The light that was divided out of the run's images before its water was fitted; None where
-    none was.
-    """
+    """The light divided out of the run's images before its water was fitted; None without."""
     content = read_water_document(run.water_file).get("light")
     return Light.from_content(content) if content else None
 

@@ -35,6 +35,7 @@ from stereo_seecolor.extras.export.triangle_kernels import (
     segment_distance2,
 )
 from stereo_seecolor.mapping.surface.surface import only_used
+from stereo_seecolor.texture.surface import edge_keys
 
 MOST_AT_VERTEX = 64
 """Triangles; a vertex that has more stays."""
@@ -316,15 +317,7 @@ def boundary_edges(triangles: NDArray[np.integer]) -> NDArray[np.bool_]:
     """Mark the edges that not exactly two triangles share: (F, 3) bool of triangles (F, 3); edge k
     runs from corner k to k + 1.
     """
-    ends = np.sort(
-        np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
-        .reshape(-1, 2)
-        .astype(np.int64),
-        axis=1,
-    )
-    _, inverse, count = np.unique(
-        ends[:, 0] << 32 | ends[:, 1], return_inverse=True, return_counts=True
-    )
+    _, inverse, count = np.unique(edge_keys(triangles), return_inverse=True, return_counts=True)
     return np.asarray(count[inverse] != 2).reshape(-1, 3)
 
 

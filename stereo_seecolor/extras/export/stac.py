@@ -41,9 +41,7 @@ ASSETS: dict[str, tuple[str, str]] = {
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """NAME.json, the item of the run, whose files it names where they are, and collection.json, its
-    catalog.
-    """
+    """NAME.json, the item of the run, which names its files, and collection.json."""
     root = posed.run.root.resolve()
     one = item(root, root.name, folder.resolve())
     for name, content in (

@@ -19,9 +19,7 @@ from stereo_seecolor.run_folder.water_file import read_waters
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A run's folder of some pairs of a dive; made by ``open``. run: the finished run. rows: of
-    frames.csv.
-    """
+    """A run's folder of some pairs of a dive; made by ``open``. rows: of frames.csv."""
 
     root: Path
     run: FinishedRun

@@ -29,9 +29,7 @@ Z95 = 1.959964
 
 @dataclass(frozen=True)
 class LabelledPoint:
-    """A point with its label. x_m, y_m: in the map's own coordinates; NaN where its frame has no
-    range there.
-    """
+    """A point with its label. x_m, y_m: of the map; NaN where its frame has no range."""
 
     label: str
     x_m: float

@@ -71,9 +71,7 @@ class FoundMarkers:
 
     @property
     def wrong(self) -> bool:
-        """Whether a given length cannot be right, surveyed places do not fit the map, or there are
-        doubts.
-        """
+        """Whether a given length is impossible, surveyed places do not fit, or doubts exist."""
         return any(check.wrong for check in (self.size, *self.bars.values()) if check) or bool(
             self.doubts or (self.control and self.control.doubt)
         )

@@ -142,9 +142,7 @@ def surface_of(run: FinishedRun, name: str) -> FrameSurface:
 
 
 def ground_of(run: FinishedRun) -> Ground:
-    """The terrain of a run's map. Raises InputError if it has none, or the library that reads it is
-    missing.
-    """
+    """The terrain of a run's map. Raises InputError without one, or without its library."""
     path = run.root / MAP / TERRAIN
     if not path.is_file():
         raise InputError(

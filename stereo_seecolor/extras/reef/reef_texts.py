@@ -111,9 +111,7 @@ def _patches(comparison: "Comparison") -> str:
 
 
 def _structure(result: "SiteMetrics") -> str:
-    """A table with a column for each scale; the standard error in parentheses, in units of the last
-    digit.
-    """
+    """A table with a column for each scale; standard errors in parentheses, in last digits."""
     if not result.structure:
         return "no square of 0.25 m or more was seen well enough\n"
     names = tuple(vars(result.structure[0].mean))

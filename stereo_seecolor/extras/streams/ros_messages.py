@@ -81,9 +81,7 @@ def float_image(stamp_ns: int, values: Map) -> Any:
 
 
 def camera_info(stamp_ns: int, geometry: RectifiedPair, side: Literal["left", "right"]) -> Any:
-    """The pinhole of the rectified images, which have no distortion; the right one's P holds the
-    baseline.
-    """
+    """The pinhole of the rectified images, without distortion; the right P holds the baseline."""
     width, height = geometry.image_size
     K, place_m = geometry.P_left, np.zeros(3)
     if side == "right":

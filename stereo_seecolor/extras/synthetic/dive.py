@@ -144,9 +144,7 @@ def _water_content(scene: Scene) -> dict[str, Any]:
 
 
 def _write_surface(path: Path, reef: Reef) -> None:
-    """The ground itself at 1 cm: height_m (ny, nx), up; origin_m (x, y) of its first row and
-    column; cell_m.
-    """
+    """The ground at 1 cm: height_m (ny, nx), up; origin_m (x, y) of the first cell; cell_m."""
     height_m = np.round(reef.height_m[::2, ::2] * 4096) / 4096
     np.savez_compressed(
         path,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
-from calibration.transforms import inverse, rigid_transform
+from calibration.transforms import rigid_transform
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.extras.synthetic.casting import Rays, cast, in_rows, look_up
 from stereo_seecolor.extras.synthetic.fish import School
@@ -123,7 +123,8 @@ class Scene:
             pose, School.around(self.spec, pose, index), time_s, strobe_energy(self.spec, index)
         )
         T_world_left = pose @ rigid_transform(self.rectification.R_left, np.zeros(3))
-        T_world_right = T_world_left @ inverse(self.rig.T_right_left)
+        # another rounding of the inverse would move pixels of the sample dive
+        T_world_right = T_world_left @ np.linalg.inv(self.rig.T_right_left)
         left = self._picture(T_world_left, self._rays_left, self.rig.left, instant, (index, 0))
         right = self._picture(T_world_right, self._rays_right, self.rig.right, instant, (index, 1))
         return StereoFrame(self.trajectory.names[index], left, right, time_s)

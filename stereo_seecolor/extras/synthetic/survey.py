@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
 from calibration.rig_errors import RigErrors
-from calibration.transforms import rigid_transform
+from calibration.transforms import rigid_transform, rotation_from_euler
 from stereo_seecolor.extras.synthetic.waters import WaterName
 from stereo_seecolor.records import Trajectory
 
@@ -85,7 +85,7 @@ def rig(spec: SurveySpec) -> StereoRig:
     K_right = np.array(
         [[focal_px * 1.004, 0, 0.494 * width], [0, focal_px * 1.003, 0.507 * height], [0, 0, 1]]
     )
-    R = _rotation(roll_rad=0.006, pitch_rad=-0.004, yaw_rad=0.012)
+    R = rotation_from_euler(-0.004, 0.012, 0.006)
     T_right_left = rigid_transform(R, R @ [-0.12, 0.0006, -0.0011])
     left = Camera(K_left, np.array([-0.11, 0.04, 0.0006, -0.0004, 0.0]), spec.image_size)
     right = Camera(K_right, np.array([-0.12, 0.05, -0.0005, 0.0007, 0.0]), spec.image_size)
@@ -118,9 +118,8 @@ def track(spec: SurveySpec) -> Trajectory:
     poses = np.empty((spec.pairs, 4, 4))
     for i in range(spec.pairs):
         heading = np.pi if returning[i] else 0.0
-        attitude = _rotation(
-            roll_rad=0.025 * sway[0, i], pitch_rad=0.025 * sway[1, i], yaw_rad=0.03 * sway[2, i]
-        )
+        # small turns about the camera's x (pitch), y (yaw) and z (roll)
+        attitude = rotation_from_euler(0.025 * sway[1, i], 0.03 * sway[2, i], 0.025 * sway[0, i])
         R = _looking_down(heading, tilt_rad) @ attitude @ R_left.T
         poses[i] = rigid_transform(R, (x_m[i], y_m[i], z_m[i]))
     return Trajectory(frame_names(spec, time_s), time_s, poses)
@@ -140,17 +139,6 @@ def _looking_down(heading_rad: float, tilt_rad: float) -> NDArray[np.float64]:
     forward = np.sin(tilt_rad) * ahead - np.cos(tilt_rad) * up
     down = -np.cos(tilt_rad) * ahead - np.sin(tilt_rad) * up
     return np.stack([np.cross(down, forward), down, forward], axis=1)
-
-
-def _rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> NDArray[np.float64]:
-    """Small turns about the camera's x (pitch), y (yaw) and z (roll) axes."""
-    cx, sx, cy, sy, cz, sz = (
-        f(a) for a in (pitch_rad, yaw_rad, roll_rad) for f in (np.cos, np.sin)
-    )
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
 
 
 def _slow_noise(spec: SurveySpec, time_s: NDArray[np.float64]) -> NDArray[np.float64]:

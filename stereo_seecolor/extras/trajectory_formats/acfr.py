@@ -4,8 +4,9 @@ with both image names.
 
 import numpy as np
 
+from calibration.transforms import rotation_from_euler
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_from_euler
+from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.records import GeoOrigin, Trajectory
@@ -28,9 +29,7 @@ def _is_pose(fields: list[str]) -> bool:
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
-    """The angles are the raw camera's own (x right, y down, z along the optical axis): no mount is
-    needed.
-    """
+    """The angles are the raw camera's (x right, y down, z along its axis): no mount needed."""
     origin, rows = _origin(lines)
     values, names = [], []
     for number, line in rows:
@@ -48,9 +47,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def _origin(lines: Lines) -> tuple[GeoOrigin | None, tuple[tuple[int, str], ...]]:
-    """The first two lines hold latitude and longitude, bare or after ORIGIN_LATITUDE and
-    ORIGIN_LONGITUDE.
-    """
+    """The first two lines hold latitude and longitude, bare or after ORIGIN_LATITUDE, ..."""
     head = [(number, line.split()) for number, line in lines.content[:2]]
     if len(head) < 2 or any(len(fields) > 2 for _, fields in head):
         return None, lines.content

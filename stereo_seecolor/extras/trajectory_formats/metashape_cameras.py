@@ -123,9 +123,7 @@ def _is_on_earth(root: ET.Element) -> bool:
 
 
 def _east_north_up(T: Array) -> tuple[Array, GeoOrigin]:
-    """Geocentric poses as east-north-up about the first finite camera; z is the height above the
-    ellipsoid.
-    """
+    """Geocentric poses as east-north-up about the first finite camera; z: ellipsoid height."""
     known = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
     first = T[known[0] if known.size else 0, :3, 3]
     latitude_deg, longitude_deg, height_m = geodetic_from_geocentric(first)

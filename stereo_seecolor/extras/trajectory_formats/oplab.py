@@ -4,13 +4,13 @@ roll, pitch and heading.
 
 import numpy as np
 
+from calibration.transforms import rotation_from_euler
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
     poses_from_ned,
-    rotation_from_euler,
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat

@@ -1,21 +1,11 @@
-"""Conversion of navigation's axes to the map's: north-east-down to east-north-up, Euler angles."""
+"""Conversion of navigation's axes to the map's: north-east-down to east-north-up."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from calibration.transforms import rigid_transform
+from calibration.transforms import rigid_transform, rotation_from_euler
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import R_ENU_NED
-
-
-def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:
-    """Rz(yaw) Ry(pitch) Rx(roll), radians, shape (..., 3, 3): body axes to the axes the angles are
-    measured in.
-    """
-    from scipy.spatial.transform import Rotation  # see geometry.py
-
-    angles = np.stack(np.broadcast_arrays(yaw, pitch, roll), axis=-1).astype(np.float64)
-    return np.asarray(Rotation.from_euler("ZYX", angles).as_matrix())
 
 
 def poses_from_ned(

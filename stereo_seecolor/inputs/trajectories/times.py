@@ -120,9 +120,7 @@ def _of_days(times_s: list[float]) -> list[float]:
 
 
 def _plain(text: str) -> str:
-    """A time of another notation in one that is read: compact, with the name of a month, the day of
-    a year.
-    """
+    """A time of another notation in one that is read: compact, month's name, day of a year."""
     text = _WEEKDAY.sub("", text.strip())
     if match := _COMPACT.fullmatch(text) or _PARTS.fullmatch(text):
         year, month, day, hour, minute, second = match.groups()

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import rigid_transform
+from calibration.transforms import rigid_transform, rotation_from_euler
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
     poses_from_ned,
-    rotation_from_euler,
 )
 from stereo_seecolor.records import GeoOrigin, Trajectory
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import inverse, rigid_transform
+from calibration.transforms import inverse, rigid_transform, rotation_from_euler
 from stereo_seecolor.earth import R_ENU_NED
 
 Array = NDArray[np.float64]
@@ -37,7 +37,8 @@ def of_other_angles(
     angles = Rotation.from_matrix(R_ENU_NED.T @ T_vehicle[:, :3, :3])
     read_deg = angles.as_euler("ZYX", degrees=True)
     for name, change in _CHANGES.items():
-        R = R_ENU_NED @ Rotation.from_euler("ZYX", change(read_deg), degrees=True).as_matrix()
+        yaw, pitch, roll = np.radians(change(read_deg)).T
+        R = R_ENU_NED @ rotation_from_euler(roll, pitch, yaw)
         result = np.full_like(T_world_camera, np.nan)
         result[known] = rigid_transform(R, T_vehicle[:, :3, 3]) @ T_vehicle_camera
         yield name, result

@@ -72,9 +72,7 @@ def _scale(motions: Motions) -> list[str]:
 
 
 def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
-    """Between frames that follow each other: how far given positions are off, by all edges over
-    that place.
-    """
+    """Between neighboring frames: how far given positions are off, by all edges over it."""
     rank = index.rank[[[e.i, e.j] for e in motions.edges]]
     given_m, measured_m = motions.shifts_in_world(T)
     off_m = given_m - measured_m

@@ -246,9 +246,7 @@ def _closed(heights_m: Float) -> Float:
 
 
 def _around_each(heights_m: Float) -> tuple[Float, Float]:
-    """The lowest and the highest height of each cell and its eight neighbors; infinite where none
-    is known.
-    """
+    """The lowest and highest of each cell and its eight neighbors; infinite if unknown."""
     known, around = np.isfinite(heights_m), np.ones((3, 3), np.uint8)
     lowest = cv2.erode(np.where(known, heights_m, np.inf).astype(np.float32), around)
     return lowest, cv2.dilate(np.where(known, heights_m, -np.inf).astype(np.float32), around)

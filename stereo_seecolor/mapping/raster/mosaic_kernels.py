@@ -82,9 +82,7 @@ def see(
 
 @compiled(inline=True)
 def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any, y: int, x: int) -> bool:
-    """Write the color between four pixels to color[y, x]; False where one of them that counts has
-    no range.
-    """
+    """Write the color between four pixels to color[y, x]; False where one has no range."""
     column, row = np.uint64(u), np.uint64(v)
     right, below = np.float32(u - np.floor(u)), np.float32(v - np.floor(v))
     next_column, next_row = column + np.uint64(1), row + np.uint64(1)

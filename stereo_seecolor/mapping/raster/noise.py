@@ -232,9 +232,7 @@ def _block_sums(values: Array, cells: int) -> Array:
 
 
 def smoothed(heights: Array, sigma: float) -> Array:
-    """Heights (H, W) after a Gaussian of ``sigma`` cells; what is unknown stays so, and counts for
-    nothing.
-    """
+    """Heights (H, W) after a Gaussian of ``sigma`` cells; unknown ones count for nothing."""
     known, size = np.isfinite(heights), (2 * int(np.ceil(3 * sigma)) + 1,) * 2
     weight = cv2.GaussianBlur(known.astype(np.float64), size, sigma, borderType=cv2.BORDER_CONSTANT)
     total = cv2.GaussianBlur(

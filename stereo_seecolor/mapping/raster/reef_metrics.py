@@ -66,9 +66,7 @@ class ReefMetrics:
 
 
 def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
-    """The metrics of a terrain model (H, W), NaN where unknown; definitions in this module's
-    documentation.
-    """
+    """The metrics of a terrain model (H, W), NaN if unknown; see this module's docstring."""
     heights = np.asarray(height_m, np.float64)
     coverage = float(_coverage(heights))
     if coverage < MIN_COVERAGE or min(heights.shape) < 3:

@@ -65,9 +65,7 @@ def rdh(height_m: NDArray[np.floating], cell_m: float) -> Rdh:
 
 
 def height_ranges(heights: Heights, cell_m: float) -> tuple[Heights, Heights]:
-    """Edges of squares, from that of all the terrain down, and the mean height range of each: (K,)
-    meters.
-    """
+    """Edges of squares, from all the terrain's down, and the mean height range of each: (K,) m."""
     edge_m = min(heights.shape) * cell_m
     parts = [
         2**k

@@ -79,9 +79,7 @@ def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
 
 @dataclass(frozen=True, eq=False)
 class _Cubes:
-    """The cubes of a tile. cases, numbers: as in extraction.py. counts: (B,) int64, triangles of
-    each block.
-    """
+    """The cubes of a tile. cases, numbers: see extraction.py. counts: (B,) triangles a block."""
 
     cases: NDArray[np.uint8]
     numbers: NDArray[np.int32]

@@ -116,9 +116,7 @@ def _in_view(
 
 
 def _own_part(mesh: Any, tile: Tile, tiling: Tiling) -> Surface:
-    """The triangles of a mesh in the tile's own column, in an order that does not hang on Open3D's
-    threads.
-    """
+    """The triangles of a mesh in the tile's column, in an order independent of threads."""
     # -0.0 is 0.0, as in the neighboring tile
     points = mesh.vertex.positions.numpy() + np.float32(0)
     triangles = mesh.triangle.indices.numpy()

@@ -92,9 +92,7 @@ def _boxes(component: Component, reach_m: float, block_m: float) -> Boxes:
 def _occupied_blocks(
     component: Component, frames: list[int], reach_m: float, block_m: float
 ) -> NDArray[np.int64]:
-    """Packed coordinates, sorted, of all blocks within reach of the frames' points that are certain
-    enough.
-    """
+    """Packed coordinates, sorted, of blocks within reach of the frames' certain points."""
     certain = component.survey.index.certain
     found: NDArray[np.int64] = np.zeros(0, np.int64)
     for start in range(0, len(frames), FRAMES_AT_ONCE):

@@ -188,9 +188,7 @@ class BundleProblem:
         return of_frames, W, V, g
 
     def moved(self, state: State, step: Linearized) -> State:
-        """Move poses and points by the solution of the equations. Raises LinAlgError where they are
-        singular.
-        """
+        """Move poses and points by the solution. Raises LinAlgError for singular equations."""
         moves = step.blocks.solve()
         of_frames = np.ascontiguousarray(moves[: len(self.frames)])
         taken = np.empty((len(self.frame), 3))
@@ -316,9 +314,7 @@ class BundleProblem:
 
     @cached_property
     def _by_block(self) -> tuple[Integers, Integers]:
-        """(n,) observations by the place of their frame's block, and (blocks + 1,) where each
-        block's begin.
-        """
+        """(n,) observations by their frame's block, and (blocks + 1,) where each begins."""
         place = self._layout.place[self.frame]
         order = np.argsort(place, kind="stable")
         return order, np.searchsorted(place[order], np.arange(len(self._layout.place) + 1)).astype(

@@ -59,9 +59,7 @@ def chain(edges: Sequence[Edge], rank: NDArray[np.int64]) -> tuple[Array, NDArra
 
 
 def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> list[Edge]:
-    """Edges that join two components count only if at least two of them put the components to the
-    same place.
-    """
+    """Edges that join two components count only if at least two of them agree."""
 
     def joint(edge: Edge) -> Array:
         return np.asarray(T[edge.i] @ edge.T_i_j @ inverse(T[edge.j]))

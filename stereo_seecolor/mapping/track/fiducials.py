@@ -109,9 +109,7 @@ class Marks:
         return replace(self, edge_m=edge_m, bars=bars, places=places)
 
     def placed(self, T_world_camera: Array) -> list[PlacedMarker]:
-        """The markers that two placed frames show; T_world_camera: (N, 4, 4), NaN for frames
-        without a place.
-        """
+        """Markers that two placed frames show; T_world_camera: (N, 4, 4), NaN if not placed."""
         known = {f"{i}": T for i, T in enumerate(T_world_camera) if np.isfinite(T).all()}
         return placed_markers(
             [replace(each, frame=f"{i}") for i, own in self.observations.items() for each in own],

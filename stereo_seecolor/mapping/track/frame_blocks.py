@@ -31,9 +31,7 @@ class Layout:
 
     @classmethod
     def of(cls, joined: csr_array) -> "Layout":
-        """Order blocks so that coupled ones are close. joined: (N, N), symmetric, which blocks are
-        coupled.
-        """
+        """Order blocks so that coupled ones are close. joined: (N, N), symmetric: coupled."""
         place = np.empty(joined.shape[0], np.int64)
         place[reverse_cuthill_mckee(joined, symmetric_mode=True)] = np.arange(len(place))
         row, column = joined.nonzero()

@@ -211,8 +211,7 @@ def _field(points: Array, geometry: RectifiedPair) -> Array:
     """(n, 3, TERMS) error of points (n, 3) in image space by each term: where all relief is gone,
     and for a pixel at the image's corner.
     """
-    corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
-    x, y = points[:, 0] / corner, points[:, 1] / corner
+    x, y = _from_corner(points, geometry)
     square = x * x + y * y
     radial = [(x * square, y * square), (x * square**2, y * square**2)]
     depth = [x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3, square**2]
@@ -225,6 +224,12 @@ def _field(points: Array, geometry: RectifiedPair) -> Array:
         geometry.focal_px * geometry.baseline_m
     )
     return found
+
+
+def _from_corner(points: Array, geometry: RectifiedPair) -> Array:
+    """(2, n) directions of points in image space, 1 at the image's corner."""
+    corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
+    return np.asarray(points[:, :2].T / corner)
 
 
 def _wide_relief(points: Array) -> Array:
@@ -246,8 +251,7 @@ def disparity_errors(points: Array, geometry: RectifiedPair) -> Iterator[Array]:
     Yields:
         Five errors of the inverse depths of points (n, 3) in image space, each (n,), 1/m.
     """
-    corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
-    x, y = points[:, 0] / corner, points[:, 1] / corner
+    x, y = _from_corner(points, geometry)
     inverse_m = SETTINGS.disparity_px / (geometry.focal_px * geometry.baseline_m)
     for first, second in ((x, 1.0), (y, 1.0), (x, x), (x, y), (y, y)):
         yield inverse_m * (first * second)

@@ -59,9 +59,7 @@ def break_up(T: NDArray[np.float64], index: FrameIndex) -> tuple[NDArray[np.int6
 def _step_limit_m(
     T: NDArray[np.float64], index: FrameIndex, placed: list[int]
 ) -> Callable[[int, int], float]:
-    """How far two frames may lie apart: by the vehicle's speed where both have times, else by the
-    usual step.
-    """
+    """How far apart two frames may lie: by the vehicle's speed and times, or usual step."""
     steps = np.array([_distance_m(T, a, b) for a, b in pairwise(placed)])
     usual = max(MIN_JUMP_M, JUMP_STEPS * float(np.median(steps))) if len(steps) else MIN_JUMP_M
     elapsed = np.abs(np.diff(index.timestamps_s[placed]))

@@ -64,9 +64,7 @@ class Edge:
     def of(
         cls, order: NDArray[np.int64], a: int, b: int, relation: "RelativePose", loop: bool = False
     ) -> "Edge":
-        """The edge of a relation between the frames at two positions on the track; order: the frame
-        at each.
-        """
+        """The edge of a relation between two positions on the track; order: frames there."""
         T, covariance = relation.T_a_b, relation.covariance
         return cls(int(order[a]), int(order[b]), T, covariance, len(relation.index_a), loop)
 
@@ -210,9 +208,7 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
 
 
 def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
-    """Compute the squared distance of matched points in standard errors: (n,), infinite for points
-    behind the camera.
-    """
+    """Squared distances of matches in standard errors: (n,), infinite behind the camera."""
     scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
     return np.where(scaled_depth * b.points[:, 2] > 0, weighed(move(T, b.points), a, b)[2], np.inf)
 

@@ -308,9 +308,7 @@ def claim(builder: Any, sums: _Memory, i: Any, first: Any, best: _Memory, j: Any
 def _step(
     builder: Any, beside: tuple[Any, Any, Any], floor: Any, here: Any, penalties: tuple[Any, Any]
 ) -> Any:
-    """beside: the block below, the block itself, and the one above it. penalties: P1 and P2 of each
-    pixel.
-    """
+    """beside: the blocks below, here and above. penalties: P1 and P2 of each pixel."""
     under, same, over = beside
     p1, p2 = penalties
     below = builder.shuffle_vector(

@@ -233,9 +233,7 @@ def _row(i: int, color: Array, published: Array, error: Array) -> tuple[Array, A
 
 
 def _allowed(i: int, change: Array) -> float:
-    """The largest fraction of a change to row i of the identity, at most 1, that keeps noise below
-    its limit.
-    """
+    """The largest fraction of a change to row i, at most 1, that keeps noise in its limit."""
     own, squared = float(change[i]), float((change**2).sum())
     if 1 + 2 * own + squared <= SETTINGS.most_noise**2:
         return 1.0

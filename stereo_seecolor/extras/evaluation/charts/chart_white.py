@@ -123,9 +123,7 @@ def seen_whites(
 def _white_of_grays(
     patches: Sequence[ChartPatch], target: Target
 ) -> tuple[list[Array], list[float]]:
-    """The color of white (3,), as logarithms of mean 0, by each usable gray patch of a target, and
-    its range.
-    """
+    """The color of white (3,), as logarithms of mean 0, by each usable gray patch; ranges."""
     grays = patches[target.type.grays] if target.type else patches
     published = (
         decode_srgb(target.type.srgb[target.type.grays])
@@ -196,9 +194,7 @@ class ChartWhite:
     seen: tuple[SeenWhite, ...]
 
     def patches_in(self, water: Water) -> tuple[SeenPatches | None, ...]:
-        """The patches of each target with ``water``, which has this white point, removed; None for
-        a card.
-        """
+        """The patches of each target without ``water`` of this white point; None for a card."""
         return tuple(
             _patches(one.patches, one.type, water) if one.type else None for one in self.seen
         )

@@ -81,9 +81,7 @@ class ChartReport:
     missing: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def means(self) -> tuple[ChartRow, ...]:
-        """A row for each method: means over the targets on which it has pixels to score; pixels are
-        added up.
-        """
+        """A row for each method: means over targets with pixels to score; pixels are added up."""
         methods = dict.fromkeys(row.method for row in self.rows)
         return tuple(
             _mean(method, [row for row in self.rows if row.method == method]) for method in methods

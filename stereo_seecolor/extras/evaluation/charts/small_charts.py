@@ -154,9 +154,7 @@ def _starts(type: ChartType, place: ChartPlace) -> Affine:
 
 
 def _climbed(type: ChartType, outlines: Affine, agreement: Agreement) -> Iterator[Affine]:
-    """Improve outlines (K, 2, 3) in steps, all together; yields the best of those at each place,
-    best first.
-    """
+    """Improve outlines (K, 2, 3) in steps, together; the best of each place, best first."""
     if not len(outlines):
         return
     scores, step = agreement(outlines), np.ones(len(outlines))
@@ -205,9 +203,7 @@ def _refined(type: ChartType, start: Affine, agreement: Agreement) -> Affine:
 
 
 def _judged(picture: Floats, type: ChartType, M: Affine) -> FoundChart | None:
-    """The chart, if its patches correlate with the published colors and its outline is plausible;
-    else None.
-    """
+    """The chart, if its patches correlate with its colors and its outline is plausible."""
     each = np.sort(correlations(_patch_means(picture, type, M)[None], type.srgb)[0])
     believed = each.mean() > LIMITS.least_of_three or each[1:].mean() > LIMITS.least_of_two
     if not believed or not _is_plausible(M):

@@ -103,9 +103,7 @@ def _flat_quadrangles(picture: Floats) -> Iterator[Array]:
 
 
 def _quadrangles_of_size(picture: Levels) -> Iterator[Array]:
-    """(4, 2) corners of flat regions with four corners in an image in which a card has about
-    LIMITS.area_px.
-    """
+    """(4, 2) corners of regions with four corners, where a card has about LIMITS.area_px."""
     labels, stats = flat_regions(picture)
     area = stats[:, cv2.CC_STAT_AREA]
     least, most = LIMITS.area_px

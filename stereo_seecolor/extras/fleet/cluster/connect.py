@@ -159,9 +159,7 @@ def _local(workers: int) -> Iterator[OpenedCluster]:
 
 
 def remove_abandoned() -> None:
-    """Delete the workers' folders of clients on this machine that were killed before they could
-    delete them.
-    """
+    """Delete the folders of workers whose clients on this machine were killed."""
     import psutil  # comes with Dask
 
     for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(SCRATCH)}*"):
@@ -302,9 +300,7 @@ def _submit(started: Any, content: "JobFile", name: str) -> None:
 
 
 def _check_scheduler(client: Any, name: str) -> None:
-    """Raise ClusterError where the scheduler has another version of Dask: it would end with an
-    unclear error.
-    """
+    """Raise ClusterError if the scheduler has another Dask, whose error would be unclear."""
     there, here = (
         client.get_versions()[side]["packages"]["distributed"] for side in ("scheduler", "client")
     )

@@ -93,9 +93,7 @@ class DaskCompute:
 
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
-        """Let every worker check, before its first batch, that it sees this ``folder`` and the
-        ``inputs``.
-        """
+        """Let every worker check, before a batch, that it sees ``folder`` and ``inputs``."""
         file = (folder / f"{TEMPORARY_PREFIX}probe-{secrets.token_hex(4)}").absolute()
         seen = tuple(path.absolute() for path in inputs if path.exists())
         probe = Probe(file, secrets.token_hex(16), seen)
@@ -153,9 +151,7 @@ class DaskCompute:
 
     @contextmanager
     def _parcel(self, work: Callable[[Item], Result]) -> Iterator[Parcel]:
-        """The pickled work as it is sent: if it is large, in a file of the shared folder, where
-        there is one.
-        """
+        """The pickled work as it is sent: if large, in a file of the shared folder, if any."""
         content = cloudpickle.dumps(work)
         if len(content) <= LARGE_BYTES or not self._probes:
             yield content

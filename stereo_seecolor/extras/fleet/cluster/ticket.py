@@ -60,9 +60,7 @@ class Ticket:
 
 @lru_cache(maxsize=8)
 def admit(ticket: Ticket) -> None:
-    """Check, once in a process, that it can do batches with this ticket, and set it up. Raises
-    ClusterError.
-    """
+    """Check, once a process, that it can do this ticket's batches. Raises ClusterError."""
     here = platform.node()
     differing = [
         f"{name} {mine} there, {theirs} here"

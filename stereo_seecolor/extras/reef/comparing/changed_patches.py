@@ -147,9 +147,7 @@ def _color_kind(change: NDArray[np.float32]) -> Kind:
 
 
 def _regions(z: Array, inside: Mask, fewest: int) -> list[Mask]:
-    """Connected cells of those inside whose z (H, W) reaches seed_sigmas somewhere, and that are
-    not too few.
-    """
+    """Connected cells whose z (H, W) reaches seed_sigmas somewhere, and not too few."""
     count, labels = cv2.connectedComponents(inside.astype(np.uint8))
     seeds = np.unique(labels[z > PATCH_SETTINGS.seed_sigmas])
     sizes = np.bincount(labels.ravel(), minlength=count)

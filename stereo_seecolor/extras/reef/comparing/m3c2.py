@@ -66,9 +66,7 @@ def distances(
 
 
 def relearned(distances: SurfaceDistances, stable: NDArray[np.bool_]) -> SurfaceDistances:
-    """Levels of detection (H, W) such that 95 % of stable ground lie within, as a function of what
-    they were.
-    """
+    """Levels of detection (H, W) within which 95 % of stable ground lie, from earlier ones."""
     std_m = distances.lod_m / NORMAL_95
     return SurfaceDistances(
         distances.distance_m,

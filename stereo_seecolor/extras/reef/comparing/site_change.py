@@ -58,9 +58,7 @@ class SiteChange:
 
     @property
     def beyond_lod(self) -> float:
-        """Fraction of the cells that differ by more than their level of detection; 5 % where
-        nothing changed.
-        """
+        """Fraction of cells that differ beyond their level of detection; 5 % without change."""
         known = np.isfinite(self.difference.dz_m)
         return float((np.abs(self.difference.dz_m) > self.difference.lod_m)[known].mean())
 
@@ -121,9 +119,7 @@ def compare_sites(a: Site, b: Site, cell_m: float, calibration: float) -> SiteCh
 
 
 def _errors_of_moved(b: Site, after: Terrain, at: Registration) -> TerrainErrors:
-    """The standard errors of b's terrain in a's coordinates, found in b's own meters: those of its
-    ranges.
-    """
+    """The standard errors of b's terrain in a's coordinates, by b's own ranges."""
     grid, T = after.grid, at.T_a_b / at.scale
     T[3, 3] = 1.0
     own = Grid(grid.west_m / at.scale, grid.north_m / at.scale, grid.cell_m / at.scale, grid.shape)

@@ -130,9 +130,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag. problems: what could not be read, one line each; unstamped: topics whose headers hold
-    no time.
-    """
+    """A bag. problems: what could not be read, a line each; unstamped: topics without times."""
 
     path: Path
     files: tuple[Path, ...]

@@ -2,7 +2,6 @@
 of its message, decoded from the keyframe before it. By PyAV (FFmpeg).
 """
 
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from stereo_seecolor.extras.streams.bags.coded_units import Coded, Units, codec_
 from stereo_seecolor.extras.streams.bags.messages import coding, decode
 from stereo_seecolor.files.camera_images import MAX_PIXELS
 from stereo_seecolor.files.tiff import encode_tiff
-from stereo_seecolor.inputs.video_file import KEPT_BYTES, NEAR_FRAMES
+from stereo_seecolor.inputs.video_file import NEAR_FRAMES, RecentFrames
 from stereo_seecolor.inputs.video_frames import pixels
 from stereo_seecolor.inputs.video_streams import video_library
 
@@ -45,7 +44,7 @@ class CodedVideo:
         self.topic, self.notes = self._shown(topic)
         self._numbers = {id(entry): i for i, entry in enumerate(self._sent)}
         self._lock = Lock()
-        self._kept: OrderedDict[int, Any] = OrderedDict()
+        self._kept = RecentFrames()
         self._frames: Iterator[tuple[int, Any | None]] = iter(())
         self._last = -1
 
@@ -118,10 +117,7 @@ class CodedVideo:
         for last, frame in self._frames:
             self._last = last
             if frame is not None:
-                self._kept[last] = frame
-                most = max(4, KEPT_BYTES // sum(plane.buffer_size for plane in frame.planes))
-                while len(self._kept) > most:
-                    self._kept.popitem(last=False)
+                self._kept.keep(last, frame)
             if last == number:
                 return frame
         return None
@@ -176,9 +172,7 @@ def _coded(units: Units, entry: Entry) -> Coded:
 
 
 def open_video(bag: Bag, topic: Topic) -> CodedVideo | None:
-    """The video of a topic; None where its messages are images by themselves. Raises InputError,
-    DeviceError.
-    """
+    """The video of a topic; None if its messages are images. Raises InputError, DeviceError."""
     if topic.msgtype not in (*VIDEOS, *COMPRESSED_IMAGES) or not topic.entries:
         return None
     form = coding(decode(topic.entries[0]))

@@ -116,9 +116,7 @@ def _attitude(entries: Sequence[Entry], times_ns: NDArray[np.int64]) -> Array:
 
 
 def _depth_m(bag: Bag, times_ns: NDArray[np.int64], altitude_m: Array) -> Array:
-    """By pressure where the bag holds it; else below the first fix as their heights say; else at
-    the surface.
-    """
+    """By pressure if the bag holds it; else below the first fix by heights; else 0."""
     entries = _longest(bag, PRESSURE)
     if not entries:
         first = altitude_m[np.isfinite(altitude_m)]

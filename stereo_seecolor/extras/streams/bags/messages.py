@@ -86,9 +86,7 @@ _BLUE_FIRST = ("bgr", "8UC3", "16UC3", "8UC4")
 
 
 def decode(entry: Entry) -> Any:
-    """The message, its fields as attributes. Raises InputError if it is damaged, DeviceError
-    without rosbags.
-    """
+    """The message with attributes. Raises InputError if damaged, DeviceError without rosbags."""
     content, (_, msgtype, encoding) = entry.payload(), entry.channel
     try:
         if encoding in ("protobuf", "json"):
@@ -243,9 +241,7 @@ def camera_info(message: Any) -> dict[str, Any]:
 
 @lru_cache
 def store(encoding: str) -> Any:
-    """Definitions of the standard messages, whose layout is the same in every release of ROS 1, and
-    of ROS 2.
-    """
+    """Definitions of the standard messages, the same in all releases of ROS 1, and ROS 2."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)

@@ -43,9 +43,7 @@ def is_address(text: str) -> bool:
 
 
 class LiveCamera:
-    """The images of one address. sides: one stream of whole images, or two of their left and right
-    halves.
-    """
+    """The images of one address. sides: a stream of whole images, or two of their halves."""
 
     def __init__(self, address: str, sides: int = 1) -> None:
         self._address, self._is_stopped = address, False

@@ -70,9 +70,7 @@ class _Side:
 
 
 class FolderWatch:
-    """A live source of two folders. dropped: left images skipped for a newer pair. waiting: see
-    ``newest``.
-    """
+    """A live source of two folders. dropped: left images skipped. waiting: see ``newest``."""
 
     def __init__(self, left: Path, right: Path, config: InputConfig) -> None:
         self.dropped = 0
@@ -113,9 +111,7 @@ class FolderWatch:
         return False
 
     def latency_s(self, pair: Pair) -> float:
-        """Seconds since the later of a pair's files arrived; 0 where the clocks of disk and program
-        disagree.
-        """
+        """Seconds since the later of a pair's files came; 0 if the disk's clock is ahead."""
         try:
             arrived_s = max(self._left.arrived_s(pair.left), self._right.arrived_s(pair.right))
         except OSError:

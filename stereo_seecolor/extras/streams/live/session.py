@@ -125,7 +125,7 @@ class LiveSession:
     _tried: tuple[str, float] = ("", 0.0)
 
     def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
-        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; the counts."""
+        """Process pairs until ``ended`` is true, the source ends, or Ctrl-C; returns counts."""
         try:
             while not (ended(self.counts) or self.source.ended):
                 if not self.step():

@@ -125,9 +125,7 @@ def _chosen(
 
 
 def _blurred(signals: VideoSignals) -> NDArray[np.bool_]:
-    """(n,) True for frames that are much less sharp, along x or y, than the frames around them
-    usually are.
-    """
+    """(n,) True for frames much less sharp, along x or y, than those around them usually are."""
     from scipy.ndimage import median_filter
 
     around = max(3, round(AROUND_S / signals.frame_s))

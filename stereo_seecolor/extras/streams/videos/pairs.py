@@ -78,9 +78,7 @@ class Videos:
 
 
 def pair_again(left: Path, right: Path, images: InputConfig) -> Pairing:
-    """The pairs of two videos, or of one that shows both sides, chosen now. Raises InputError,
-    DeviceError.
-    """
+    """The pairs of two videos, or of one of both sides, anew. Raises InputError, DeviceError."""
     videos = Videos(left, right, images.right_half_first)
     return videos.pairing(videos.choice(images))
 
@@ -88,9 +86,7 @@ def pair_again(left: Path, right: Path, images: InputConfig) -> Pairing:
 def video_pairing(
     left: Path, right: Path, calib: str | Path, folder: RunFolder, images: InputConfig
 ) -> Pairing:
-    """The pairs of two videos, or of one that shows both sides. Raises InputError, DeviceError,
-    OutputError.
-    """
+    """The pairs of two videos, or of one. Raises InputError, DeviceError, OutputError."""
     videos = Videos(left, right, images.right_half_first)
     rig: StereoRig | None = None
     with suppress(CalibrationError):  # said when the frames are opened
