@@ -33,6 +33,7 @@ def known(trajectory: Trajectory) -> list[bool]:
         *("", "--.--", "-", "NA", "N/A", "#N/A", "n.a.", "null", "NULL", "(null)", "<NA>", "None"),
         *("nan", "-nan", "-nan(ind)", "1.#QNAN", "#VALUE!", "#DIV/0!", "#REF!", "#NUM!", "#NAME?"),
         *("####", "\\N", "no data", "NODATA", "no fix", "missing", "?", "*", ".", "-9999", "-999"),
+        *("—", "–", "n.d.", "N/D", "inf", "-Infinity"),
     ],
 )
 def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Path) -> None:
