@@ -160,9 +160,13 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         at_m=focal_px * geometry.baseline_m / disparity_px,
         disparity_px=disparity_px,
     )
-    uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
+    columns_px = 0.0
+    with suppress(np.linalg.LinAlgError):  # couples that differ may fit no values that they share
+        columns_px = float(
+            fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS).values[COLUMNS]
+        )
     # an error over the columns alike in all pairs looks, in each couple, like one between moments
-    even = [_without_columns(couple, float(uneven.values[COLUMNS]), geometry) for couple in couples]
+    even = [_without_columns(couple, columns_px, geometry) for couple in couples]
     own = []
     for couple in even:
         with suppress(np.linalg.LinAlgError):  # one that holds no motion; the others do

@@ -222,7 +222,8 @@ class RowCheck:
             )
         advice = []
         found = self.causes.is_wrong or self._left.is_found
-        if not self._agree or found or (self.causes.line and self.motion.is_found):
+        is_all = self._agree and self._between and not self.causes.line
+        if not is_all and (not self._agree or found or (self.causes.line and self.motion.is_found)):
             advice.append(self._explanation)
         advice += [one for one in (self._between, self.odd) if one]
         return tuple(advice)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from calibration import Rectification, RectifiedPair
+from calibration.checks import RowCheck
 from calibration.formats import load_rig, write_rig
 from calibration.verification.causes import find_causes
 from calibration.verification.motion import (
@@ -77,6 +78,19 @@ def test_an_offset_of_a_part_of_the_dive_is_none_of_all(before_px: float, after_
     couples = [*dive(before_px)[:2], *dive(after_px)[2:]]
     assert changes_in_time(couples, GEOMETRY) == (before_px != after_px)
     assert not changes_in_time(dive(before_px), GEOMETRY)
+
+
+def test_offsets_of_each_moment_that_no_shared_values_fit_are_named() -> None:
+    """One side is stabilized along the baseline alone: a joint fit of such couples fails."""
+    couples = [
+        replace(couple, second=couple.second + np.array([0, 0, offset_px]))
+        for couple, offset_px in zip(dive(couples=4), (-14.0, -3.0, 13.0, -2.0), strict=True)
+    ]
+    found = motion_of(couples, GEOMETRY)
+    assert found.between_px == pytest.approx(8.0, abs=1.0)
+    assert found.is_found and "stabilization of a side" in found.line
+    row_check = RowCheck(12, 900, 0.06, 0.0, 1.0, 0.0, 0.06, 0.0, motion=found)
+    assert row_check.ranges_are_wrong and row_check.advice == (found.between,)
 
 
 @pytest.mark.parametrize("focal", [0.9, 1.0, 1.1])

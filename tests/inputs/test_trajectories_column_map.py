@@ -189,7 +189,9 @@ def test_two_columns_of_one_name_are_refused_where_they_differ(tmp_path: Path) -
 
 def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"is a table without heading .*: name its columns as in nav"
+        InputError,
+        match=r"is a table without heading .*: name its columns as in nav.*"
+        r"its positions alone: nav.csv:time=Stamp,lat=Lat .*,lon=Lon ",
     ):
         read_trajectory(
             write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv")

@@ -33,6 +33,7 @@ def known(trajectory: Trajectory) -> list[bool]:
         *("", "--.--", "-", "NA", "N/A", "#N/A", "n.a.", "null", "NULL", "(null)", "<NA>", "None"),
         *("nan", "-nan", "-nan(ind)", "1.#QNAN", "#VALUE!", "#DIV/0!", "#REF!", "#NUM!", "#NAME?"),
         *("####", "\\N", "no data", "NODATA", "no fix", "missing", "?", "*", ".", "-9999", "-999"),
+        *("—", "–", "n.d.", "N/D", "inf", "-Infinity"),
     ],
 )
 def test_a_cell_without_a_value_leaves_its_row_out_alone(word: str, tmp_path: Path) -> None:
@@ -195,6 +196,9 @@ KML = (
 LOGS = {
     "RMC and GGA": nmea(GGA) + nmea(RMC) + "\n" + nmea(RMC.replace(",A,", ",V,", 1).replace("1430",
     "1530")),
+    "GNS and ZDA": nmea("GPZDA,120001.00,16,10,2026,00,00")
+    + nmea("GNGNS,120001.50,1430.0000,S,14515.0000,E,AN,12,0.8,0.0,0.0,,")
+    + nmea("GNGNS,120003.50,1430.0000,S,14515.0000,E,NN,12,0.8,0.0,0.0,,"),
     "GGA and ZDA": nmea("GPZDA,120001.00,16,10,2026,00,00") + nmea(GGA) + nmea(GGA.replace(",4,12",
     ",0,00")),
     "with a logger's prefix": f"2026-10-16 12:00:02.1 {nmea(RMC)}",
@@ -465,3 +469,27 @@ def test_units_of_mavlink(many: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(trajectory.T_world_camera[:2, 2, 3], -0.012 * many)
     assert known(trajectory) == [True, True, False]
     assert np.ptp(trajectory.T_world_camera[:2, 1, 3]) == pytest.approx(1.0, rel=0.01)
+    assert trajectory.position_step_m == pytest.approx(0.0111)
+
+
+def test_angles_of_mavlink_are_in_radians(tmp_path: Path) -> None:
+    """Those of ATTITUDE beside whole numbers of GLOBAL_POSITION_INT."""
+    header = "timestamp,GPS_RAW_INT.lat,GPS_RAW_INT.lon,AHRS2.x,GLOBAL_POSITION_INT.relative_alt"
+    header += ",ATTITUDE.roll,ATTITUDE.pitch,ATTITUDE.yaw"
+    table = f"{header}\n{NOON},-146800000,1454500000,0,-5000,0,0,0\n"
+    table += f"{NOON + 1},-146800090,1454500000,0,-5000,0,0,1.5707963\n"
+    first, second = read_trajectory(write(tmp_path, table, "mavlog.csv")).T_world_camera[:, :3, :3]
+    clockwise = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    np.testing.assert_allclose(second @ first.T, clockwise, atol=1e-6)
+
+
+def test_a_table_of_unknown_columns_is_named_with_them(tmp_path: Path) -> None:
+    table = "log_time,ts,a,b,c,status\n2026-10-16T12:00:00Z,1792152000,1,2,3,0\n"
+    with pytest.raises(InputError, match=r"known by their names \(log_time, ts, a, b, c, status\)"):
+        read_trajectory(write(tmp_path, table, "nav.csv"))
+
+
+def test_an_inertial_navigation_system_is_named(tmp_path: Path) -> None:
+    text = nmea("HEHDT,12.00,T") + nmea("PIXSE,POSITI,-14.68,145.45,-5.0")
+    with pytest.raises(InputError, match=r"inertial navigation system \(PIXSE\).*CSV"):
+        read_trajectory(write(tmp_path, text, "phins.txt"))

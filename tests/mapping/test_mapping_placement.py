@@ -104,8 +104,15 @@ def test_a_gap_leaves_its_frames_out_and_names_them() -> None:
     keep = [0, 1, 8, 9]
     placement = place(index(), by_time(line()[keep], np.array(keep, dtype=float)), CONFIG)
     assert [u.name for u in placement.unplaced] == ["f02", "f03", "f04", "f05", "f06", "f07"]
-    assert "no pose within 5 s" in placement.unplaced[0].reason
+    assert "around it are 7 s apart, more than 5 s" in placement.unplaced[0].reason
     assert placement.components.tolist() == [0, 0, -1, -1, -1, -1, -1, -1, 0, 0]
+
+
+def test_frames_before_and_after_all_poses_are_named_as_that() -> None:
+    placement = place(index(), by_time(line()[2:8], np.arange(2.0, 8)), CONFIG)
+    reasons = {frame.name: frame.reason for frame in placement.unplaced}
+    assert reasons["f00"] == "it was taken 2 s before the first known pose of the trajectory"
+    assert reasons["f09"] == "it was taken 2 s after the last known pose of the trajectory"
 
 
 def test_a_jump_that_stays_breaks_the_map() -> None:

@@ -189,6 +189,27 @@ def test_what_is_wrong_in_a_table_is_named_and_nothing_else(
     assert said in navigation.advice
 
 
+def during(t: Table, first_s: float, last_s: float) -> Table:
+    """Rows of a part of the dive."""
+    kept = (t.times_s >= BEGIN_S + first_s) & (t.times_s <= BEGIN_S + last_s)
+    return Table(*(column[kept] for column in t))
+
+
+@pytest.mark.slow
+def test_a_clock_by_which_few_frames_have_a_pose_is_named(
+    seen: Callable[[Trajectory], ComparedNavigation],
+) -> None:
+    dive = during(vehicle(), 0, LINES * LINE_S)
+    for by_s, posed in ((45, 3), (38, 10)):
+        navigation = seen(shifted(dive, by_s).read()).navigation
+        assert not navigation.fits
+        assert navigation.advice.startswith(f"only {posed} of 48 frames have a pose by the times")
+        assert f"48 have one with -{by_s}.00 s added" in navigation.advice
+    # a table of the end of the dive alone
+    navigation = seen(during(vehicle(), 36, LINES * LINE_S).read()).navigation
+    assert navigation.fits and not navigation.advice
+
+
 @pytest.mark.parametrize("noise", [0.0, 1.0, 5.0])
 def test_a_right_table_fits_and_nothing_is_said(
     seen: Callable[[Trajectory], ComparedNavigation], noise: float

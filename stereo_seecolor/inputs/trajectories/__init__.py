@@ -213,6 +213,8 @@ def _known(lines: Lines) -> tuple[TextFormat, Lines]:
         return found
     if kind := foreign.named("\n".join(lines.all[:50])):
         raise InputError(f"{lines.path}: is {kind}")
+    if table := column_map.describe_table(lines):
+        raise InputError(f"{lines.path}: {table}")
     titles = ", ".join(format.title for format in (*FORMATS, *added_formats()))
     raise InputError(
         f"{lines.path}: is not a trajectory of a known format ({titles}; or any table with a "

@@ -15,11 +15,12 @@ from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import separator_of, split_fields
 from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
-from stereo_seecolor.inputs.trajectories.degrees import read_degrees
+from stereo_seecolor.inputs.trajectories.degrees import OF_MAVLINK, read_degrees
 from stereo_seecolor.inputs.trajectories.held_fixes import MAX_GAP_S, HeldFixes, between_fixes
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
 from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds
 from stereo_seecolor.inputs.trajectories.vehicle_track import (
+    METERS_PER_DEGREE,
     Column,
     VehicleTrack,
     from_degrees,
@@ -61,7 +62,9 @@ _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Head
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
 """A time of day, as h:m:s or hhmmss."""
-UNKNOWN_HEADING, _MESSAGE = 65535, "global_position_int"
+LEAST_COLUMNS = 4
+"""Of a table: time, and a position or attitude in three."""
+UNKNOWN_HEADING, _MESSAGE, _ATTITUDE = 65535, "global_position_int", "attitude."
 """Of MAVLink."""
 
 
@@ -118,11 +121,33 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     columns = guessed(lines)
     if missing := _missing(columns):
         names = ", ".join(_header(lines)[1])
+        fixes = {role: column for role, column in columns.items() if role in _FIXES}
+        spec = ",".join(f"{role}={column}" for role, column in fixes.items())
+        alone = "" if _missing(fixes) else f", or use its positions alone: {lines.path.name}:{spec}"
         raise InputError(
             f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name "
-            f"its columns as in {_EXAMPLE}"
+            f"its columns as in {_EXAMPLE}{alone}"
         )
     return read(lines, columns, mount, by_names=True)
+
+
+def describe_table(lines: Lines) -> str:
+    """Name the columns of a table that is of no known format, with what to do; "" for other
+    files.
+    """
+    separator = separator_of(lines.header)
+    header = split_fields(lines.header, separator)
+    rows = [split_fields(line, separator) for _, line in lines.content[:3]]
+    numbers = [sum(map(is_number, row)) for row in rows if row != header]
+    if len(header) < LEAST_COLUMNS or any(map(is_number, header)) or not numbers:
+        return ""
+    if any(len(row) != len(header) for row in rows) or 2 * min(numbers) < len(header):
+        return ""
+    return (
+        f"is a table whose columns are not known by their names ({', '.join(header):.150}): name "
+        f"those of time, position, depth and heading as in {_EXAMPLE}; docs/mapping.md lists the "
+        "roles"
+    )
 
 
 def guessed(lines: Lines) -> dict[str, str]:
@@ -207,6 +232,8 @@ def read_together(
 
 
 def _step_m(table: Table, columns: Mapping[str, str]) -> float:
+    if "lat" in columns and _is_of_mavlink(table, columns):
+        return METERS_PER_DEGREE / OF_MAVLINK
     if "lat" in columns:
         return step_of(table.text(columns["lat"].lower()))
     if "north" in columns:
@@ -267,12 +294,14 @@ def _in_units_of_mavlink(
     table: Table, columns: Mapping[str, str], values: dict[str, Column]
 ) -> dict[str, Column]:
     """Beside places in 1e-7 of a degree, as the message GLOBAL_POSITION_INT holds them, whole
-    numbers are its millimeters and hundredths of a degree.
+    numbers are its millimeters and hundredths of a degree, and angles of the message ATTITUDE are
+    in radians.
     """
-    raw = _raw(table, columns["lat"]) if "lat" in columns else np.zeros(0)
-    raw = raw[np.isfinite(raw)]
-    if not (np.abs(raw) > 1000).any() or (raw != np.round(raw)).any():
+    if not _is_of_mavlink(table, columns):
         return values
+    for role in ("heading", "pitch", "roll"):
+        if role in values and columns[role].lower().startswith(_ATTITUDE):
+            values[role] = np.degrees(values[role])
     height = columns.get("depth") or columns.get("up") or ""
     for role, column, many, most in (
         ("depth", height, 1000.0, 1000.0),
@@ -284,6 +313,12 @@ def _in_units_of_mavlink(
             unknown = values[role] == (UNKNOWN_HEADING if role == "heading" else np.inf)
             values[role] = np.where(unknown, np.nan, values[role] / many)
     return values
+
+
+def _is_of_mavlink(table: Table, columns: Mapping[str, str]) -> bool:
+    raw = _raw(table, columns["lat"]) if "lat" in columns else np.zeros(0)
+    raw = raw[np.isfinite(raw)]
+    return bool((np.abs(raw) > 1000).any() and (raw == np.round(raw)).all())
 
 
 def _raw(table: Table, column: str) -> Column:

@@ -54,7 +54,7 @@ _OWNERS = (
     (),
     ("vehicle", "rov", "auv", "nav", "ekf", "filtered", "attitude", "camera"),
     ("usbl", "beacon", "ugps", "transponder", "global", "position", "int"),
-    ("gps", "vfr", "hud"),
+    ("gps", "vfr", "hud", "raw"),
 )
 """Whose a number is, the one to be taken first. What lies on a ship (``ship_lat``) is not taken."""
 _UNITS = {

@@ -26,10 +26,12 @@ SENTENCES = {
 }
 """Sentence beside positions -> what it tells, and in which of its fields: degrees or meters."""
 _SENTENCE = re.compile(
-    r"\$(\w{2}(RMC|GGA|GLL|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
+    r"\$(\w{2}(RMC|GGA|GLL|GNS|ZDA|HDT|THS|HDG|HDM|DPT|DBS),[^*$]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
 _BEACON = re.compile(r"\$(PSIMSSB|PSIMLBP),")
 """Sentences of USBL and LBL systems (Kongsberg) that are not read."""
+_INS = re.compile(r"\$(PIXSE),")
+"""Sentences of inertial navigation systems (iXblue) that are not read."""
 SONARDYNE = "PSONLLD"
 _SONARDYNE = re.compile(r"\$(PSONLLD,[^*$]*)(?:\*([0-9A-Fa-f]{2}))?")
 _SHIP = re.compile(r"ship|vessel|crp", re.IGNORECASE)
@@ -108,9 +110,15 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
     else:
         rows = _nmea_rows(lines, names)
     known = [row for row in rows if row]
+    if not known and (of_ins := _INS.search(text)):
+        raise InputError(
+            f"{lines.path}: holds the output of an inertial navigation system ({of_ins[1]}), whose "
+            "sentences are not read: save it as CSV with time, lat, lon, depth, heading, pitch, "
+            "roll"
+        )
     if not known:
         raise InputError(
-            f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA or GLL "
+            f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA, GNS or GLL "
             "with ZDA; PSONLLD with ZDA or RMC)"
         )
     header = ",".join(["time", "lat", "lon", *names])
@@ -134,13 +142,14 @@ def _kml_rows(text: str) -> list[str]:
 
 
 def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
-    """Those of RMC, which has the date; of GGA where there is no RMC, with the date of the last
-    ZDA. Each with the value of the sentence of each of the names that belongs to it.
+    """Those of RMC, which has the date; of GGA, GNS or GLL where there is no RMC, with the date of
+    the last ZDA. Each with the value of the sentence of each of the names that belongs to it.
     """
     _refuse_unknown(lines, names, SENTENCES)
-    found = _sentences(lines, "RMC", "GGA", "GLL", "ZDA")
+    found = _sentences(lines, "RMC", "GGA", "GNS", "GLL", "ZDA")
     names_found = {match[2] for _, match in found}
-    has_rmc, has_gga = "RMC" in names_found, "GGA" in names_found
+    # quality 0, and modes of N, are of no fix
+    of_day = next((name for name in ("RMC", "GGA", "GNS") if name in names_found), "")
     rows: list[tuple[int, str]] = []
     day = ""
     for number, match in found:
@@ -151,14 +160,10 @@ def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:
             date = f"20{fields[9][4:]}-{fields[9][2:4]}-{fields[9][:2]}"
             rows.append((number, _row(date, fields[1], fields[3:7])))
         elif (
-            match[2] == "GGA"
-            and not has_rmc
-            and day
-            and len(fields) > 6
-            and fields[6] not in ("", "0")
+            match[2] == of_day and day and len(fields) > 6 and fields[6].strip("N") not in ("", "0")
         ):
             rows.append((number, _row(day, fields[1], fields[2:6])))
-        elif match[2] == "GLL" and not (has_rmc or has_gga) and day and fields[6:7] == ["A"]:
+        elif match[2] == "GLL" and not of_day and day and fields[6:7] == ["A"]:
             rows.append((number, _row(day, fields[5], fields[1:5])))
     rows = [(number, row) for number, row in rows if row]
     beside = [_beside(lines, name, [number for number, _ in rows]) for name in names]

@@ -39,7 +39,7 @@ _DAYS = ((25569, 30_000, 80_000), (719529, 720_000, 800_000))
 MAX_DAYS, MAX_STEP_DAYS = 3.0, 0.01
 """Of a column of such days: a dive is shorter, and has a row every quarter of an hour."""
 _UNKNOWN = re.compile(
-    r"|-+(\.-+)?|[.?*]+|#?n\.?/?a\.?|[-+]?nan(\(\w*\))?|-?1\.#\w+|[<(\[]?(null|nil|none|na|nan)[>)\]]?"
+    r"|[-–—]+(\.-+)?|[.?*]+|#?n\.?/?[ad]\.?|[-+]?inf(inity)?|[-+]?nan(\(\w*\))?|-?1\.#\w+|[<(\[]?(null|nil|none|na|nan)[>)\]]?"
     r"|unknown|invalid|missing|undefined|no[ _-]?(data|value|fix)|not[ _]available|\\n"
     r"|#(null|value|ref|div/0|num|name)[!?]|#+",
     re.IGNORECASE,

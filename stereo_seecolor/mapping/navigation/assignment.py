@@ -215,12 +215,29 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
         )
     T = poses_at(times, poses, index.timestamps_s)
     reasons = {
-        int(i): "it has no time stamp"
-        if np.isnan(index.timestamps_s[i])
-        else f"the trajectory has no pose within {FARTHEST_POSE_S:g} s"
+        int(i): _why_without(times, float(index.timestamps_s[i]))
         for i in np.flatnonzero(~_finite(T))
     }
     return Assignment(T, reasons, warnings)
+
+
+def _why_without(times: NDArray[np.float64], frame_s: float) -> str:
+    """Why a frame has no pose. times: of the known poses, ascending."""
+    if np.isnan(frame_s):
+        return "it has no time stamp"
+    if not len(times):
+        return "no pose of the trajectory is known"
+    for off_s, where in (
+        (times[0] - frame_s, "before the first"),
+        (frame_s - times[-1], "after the last"),
+    ):
+        if off_s > 0:
+            return f"it was taken {round(off_s, 3):.15g} s {where} known pose of the trajectory"
+    after = int(np.searchsorted(times, frame_s))
+    return (
+        f"the known poses around it are {times[after] - times[after - 1]:.6g} s apart, more than "
+        f"{FARTHEST_POSE_S:g} s"
+    )
 
 
 def _set_back(back_s: float) -> str:

@@ -12,10 +12,12 @@ from calibration.robust_statistics import ROBUST_DEVIATION, deviation_about_zero
 from calibration.transforms import inverse, nearest_rotation, rigid_transform, rotation_vector
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.clocks import LEAST_POSED, of_other_clocks
 from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
 from stereo_seecolor.mapping.navigation.deviations import deviations
 from stereo_seecolor.mapping.navigation.fix_frames import fix_frames
 from stereo_seecolor.mapping.navigation.interpretations import (
+    CLOCK_EDGES,
     PoseReading,
     best_readings,
     interpretations,
@@ -48,6 +50,10 @@ TURN_HELPS = 0.9
 """A constant turn must leave at most this fraction of the misfit."""
 READ_RIGHTLY = 0.06
 """Poses that fit to so much, between neighbors and over spans together, are read rightly."""
+CLOCK_FITS = 0.25
+"""Of a clock that few frames do not contradict: on a drawn dive with noise of 2 cm the right one
+leaves 0.10, others 0.6 and more.
+"""
 BETTER, BEATS_A_TURN = 0.6, 0.8
 """Of the misfit another reading must leave less; and of what a turn leaves, where that helps as
 well: the turn's three angles were fitted.
@@ -184,10 +190,11 @@ def examine(
     )
     verdict = ComparedNavigation(navigation, given, position_m, attitude_deg)
     plain = seen.misfit(T)
-    if not np.isfinite(plain):
+    clock = _other_clock(T, survey, edges, own, trajectory, config, plain)
+    if not np.isfinite(plain) and not clock:
         return verdict
     step_m = trajectory.position_step_m
-    if wrong := _still(T, seen, step_m):
+    if wrong := clock or _still(T, seen, step_m):
         return _unfit(verdict, wrong)
     correction = _correction(T, seen, plain, config)
     is_rounded = navigation.position_residual_m < ROUNDING * step_m
@@ -215,6 +222,38 @@ def examine(
         navigation=replace(navigation, advice="; ".join(advice_lines)),
         placement=replace(given, T_world_camera=straight),
     )
+
+
+def _other_clock(
+    T: Array,
+    survey: Survey,
+    edges: Sequence[Edge],
+    own: Placement | None,
+    trajectory: Trajectory,
+    config: MappingConfig,
+    plain: float,
+) -> str:
+    """What to say of a clock by which far more frames have a pose, where few have one as given and
+    these do not fit; "" where there is none.
+    """
+    posed, index = np.isfinite(T).all(axis=(1, 2)), survey.index
+    has_clock = not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all()
+    if plain < READ_RIGHTLY or not (own and has_clock) or posed.mean() >= LEAST_POSED:
+        return ""
+
+    def misfit(other: Array) -> float:
+        return SeenMotion.of(other, edges, own, index.order).thinned(CLOCK_EDGES).misfit(other)
+
+    most = min(CLOCK_FITS, BETTER * plain)
+    for name, other in of_other_clocks(index, trajectory, config, misfit):
+        more = np.isfinite(other).all(axis=(1, 2))
+        if misfit(other) < most and more.sum() > 2 * posed.sum():
+            return (
+                f"only {posed.sum()} of {len(T)} frames have a pose by the times as given, which "
+                f"do not fit the images; {more.sum()} have one with {name}, and these fit: the "
+                "clock of the poses is another one (local time, GPS time)"
+            )
+    return ""
 
 
 def _misread(
