@@ -33,6 +33,8 @@ class RectifiedPair:
         image_size: (width, height), pixels.
         quarter_turns: 0..3, counterclockwise turns that bring the images that are matched, whose
             disparity runs along x, to the images that this geometry is of (``numpy.rot90``).
+        slope_std: Standard errors of the disparity's slopes along and across the baseline that the
+            rig's refinement left, pixels a pixel.
     """
 
     focal_px: float
@@ -42,6 +44,7 @@ class RectifiedPair:
     baseline_m: float
     image_size: tuple[int, int]
     quarter_turns: int = 0
+    slope_std: tuple[float, float] = (0.0, 0.0)
 
     def __reduce__(self) -> tuple[type["RectifiedPair"], tuple[object, ...]]:
         """Without the tables computed from it, which are larger than the images."""
@@ -62,14 +65,19 @@ class RectifiedPair:
             The geometry.
         """
         width, height = self.image_size
-        focal_px, cx, cy = self.focal_px, self.cx_left_px, self.cy_px
+        cx, cy = self.cx_left_px, self.cy_px
         shift_px = self.cx_left_px - self.cx_right_px
         for _ in range(turns % 4):
             cx, cy, width, height = cy, width - 1 - cx, height, width
         cx_right_px = cx - shift_px if turns % 4 else self.cx_right_px
         quarter_turns = (self.quarter_turns + turns) % 4
-        return RectifiedPair(
-            focal_px, cx, cx_right_px, cy, self.baseline_m, (width, height), quarter_turns
+        return replace(
+            self,
+            cx_left_px=cx,
+            cx_right_px=cx_right_px,
+            cy_px=cy,
+            image_size=(width, height),
+            quarter_turns=quarter_turns,
         )
 
     def outside_right(self, range_m: Map) -> NDArray[np.bool_]:

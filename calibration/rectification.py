@@ -80,7 +80,14 @@ def plan_rectification(rig: StereoRig) -> RectificationPlan:
         view = common_view([(left, R_left), (right, R_right)])
     baseline_m = float(np.linalg.norm(T_right_left[:3, 3]))
     pair = RectifiedPair(
-        view.focal_px, view.cx_px, view.cx_px, view.cy_px, baseline_m, view.image_size, -turns % 4
+        view.focal_px,
+        view.cx_px,
+        view.cx_px,
+        view.cy_px,
+        baseline_m,
+        view.image_size,
+        -turns % 4,
+        rig.refinement.slope_std if rig.refinement else (0.0, 0.0),
     )
     return RectificationPlan(pair, R_left, R_right)
 

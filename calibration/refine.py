@@ -8,7 +8,7 @@ right camera is not estimated: over a scene of one depth, a baseline that points
 another focal length, and both together fit whatever the lens model has wrong.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,10 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
+from calibration.movement_prior import Weighed
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refinement import Movement, Refinement
 from calibration.refraction import cameras_in_water
-from calibration.resampling import jackknife, no_worse
+from calibration.resampling import jackknife_covariance, no_worse
 from calibration.rig import StereoRig, quarter_turn
 from calibration.transforms import rigid_transform
 from calibration.verification.conventions import settle_matches
@@ -44,6 +45,9 @@ class RefineLimits:
     # of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
     max_matches: int = 400
     folds: int = 10  # parts left out in turn, as in calibrate
+    # columns of the image, and rows of each, that are left out in turn: what a lens model has wrong
+    # is the same in all pairs
+    places: int = 3
     # where the loss turns from squares to absolute values: matches are good to 0.1 px
     noise_px: float = 0.15
 
@@ -52,8 +56,6 @@ LIMITS = RefineLimits()
 PARAMETERS = ("pitch", "roll", "scale", "yaw")
 """Angles in radians; scale: logarithm of the right focal length over its calibrated one."""
 SCALE_STEP = 1e-3  # of the derivative of rays by the scale
-# simplest first; yaw last, since it moves ranges
-MODELS = tuple(PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1))
 
 
 class HiddenCauseError(CalibrationError):
@@ -68,8 +70,8 @@ def refine_matches(
     Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with
     standard errors.
 
-    The simplest of four models is taken whose vertical disparity on pairs left out of the fit is no
-    worse than the best's; the calibration stays as it is where it is that good itself.
+    All parameters are estimated, each as far as rows outweigh the given calibration. The
+    calibration stays as it is where pairs left out of the fit agree better with it.
 
     couples: points of neighboring pairs, whose motion tells causes apart that rows do not.
 
@@ -93,23 +95,23 @@ def refine_matches(
             f"{check.advice[-1]}; a refined rig would fit the rows with a wrong yaw, and ranges "
             "would be wrong"
         )
-    fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]
-    best = min(fits, key=lambda fit: float(fit.squares.mean()))
-    chosen = next(fit for fit in fits if fit is best or no_worse(fit.squares, best.squares))
+    fit = _Fit.of(rig, kept)
+    before = [_residuals(rig, matches) for matches in kept]
+    is_used = no_worse(_squares(fit.left_out), _squares(before))
     refinement = Refinement(
         movements=tuple(
-            Movement(name, float(chosen.values[PARAMETERS.index(name)]), float(std))
-            for name, std in chosen.errors()
-        ),
-        before_px=float(
-            np.median(np.abs(np.concatenate([_residuals(rig, matches) for matches in kept])))
-        ),
-        after_px=float(np.median(np.abs(chosen.left_out))),
+            Movement(name, float(value), float(std))
+            for name, value, std in zip(PARAMETERS, fit.values, fit.std, strict=True)
+        )
+        if is_used
+        else (),
+        before_px=float(np.median(np.abs(np.concatenate(before)))),
+        after_px=float(np.median(np.abs(np.concatenate(fit.left_out)))),
         pairs=len(kept),
         matches=sum(len(matches.left) for matches in kept),
         focal_px=float(plan_rectification(rig).pair.focal_px),
     )
-    return replace(moved_rig(rig, chosen.values) if chosen.names else rig, refinement=refinement)
+    return replace(moved_rig(rig, fit.values) if is_used else rig, refinement=refinement)
 
 
 def moved_rig(rig: StereoRig, values: Array) -> StereoRig:
@@ -134,68 +136,74 @@ def _turn(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A model fitted to all pairs, and to all but a part of them in turn.
+    """All parameters fitted to all pairs, as far as rows outweigh what is known before.
 
-    values: (4,) fitted; partial: (folds, 4) fitted without a part. left_out: (n,) vertical
-    disparities of matches by the fit without their pair, pixels; squares: (pairs,) their mean loss
-    over each pair, which tells a keystone in the corners as a median does not.
+    values, std: (4,). left_out: of each pair the vertical disparities (n,) of its matches by the
+    fit without it, pixels.
     """
 
-    names: tuple[str, ...]
     values: Array
-    partial: Array
-    left_out: Array
-    squares: Array
+    std: Array
+    left_out: list[Array]
 
     @classmethod
-    def of(cls, rig: StereoRig, pairs: list[Matches], names: tuple[str, ...]) -> "_Fit":
-        values = _solve(rig, pairs, names)
-        folds = min(LIMITS.folds, len(pairs))
-        number = np.arange(len(pairs)) % folds
-        partial, rest = [], [np.zeros(0)] * len(pairs)
-        for fold in range(folds):
-            without = _solve(
-                rig,
-                [pair for pair, out in zip(pairs, number == fold, strict=True) if not out],
-                names,
-                values,
+    def of(cls, rig: StereoRig, pairs: list[Matches]) -> "_Fit":
+        values = _solve(rig, pairs)
+        number = np.arange(len(pairs)) % LIMITS.folds
+        without = [
+            _solve(
+                rig, [pair for pair, fold in zip(pairs, number, strict=True) if fold != k], values
             )
-            partial.append(without)
-            for i in np.flatnonzero(number == fold):
-                rest[i] = _residuals(moved_rig(rig, without), pairs[i])
-        squares = np.array([_loss(errors).mean() for errors in rest])
-        return cls(names, values, np.array(partial), np.concatenate(rest), squares)
-
-    def errors(self) -> list[tuple[str, float]]:
-        """Each parameter's name and standard error."""
-        errors = jackknife(self.partial)
-        return [(name, float(errors[PARAMETERS.index(name)])) for name in self.names]
-
-
-def _loss(errors_px: Array) -> Array:
-    """That of the fit, by which a mismatch counts little."""
-    return np.asarray(2 * (np.sqrt(1 + (errors_px / LIMITS.noise_px) ** 2) - 1))
+            for k in range(number.max() + 1)
+        ]
+        by_place = [_solve(rig, rest, values) for rest in _without_places(pairs)]
+        errors = jackknife_covariance(np.array(without)) + jackknife_covariance(np.array(by_place))
+        weighed = Weighed.of(values, errors, _pixel(rig))
+        left_out = [
+            _residuals(moved_rig(rig, weighed.gain @ without[fold]), pair)
+            for pair, fold in zip(pairs, number, strict=True)
+        ]
+        return cls(weighed.gain @ values, weighed.std, left_out)
 
 
-def _solve(
-    rig: StereoRig, pairs: list[Matches], names: tuple[str, ...], start: Array | None = None
-) -> Array:
-    """(4,) values of least vertical disparity; those not named are 0."""
-    values = np.zeros(len(PARAMETERS))
-    if not names:
-        return values
-    free = [PARAMETERS.index(name) for name in names]
-    disparity = _disparity_of(rig, pairs)
+def _pixel(rig: StereoRig) -> Array:
+    """(4,) how much of each parameter moves the corner of the image by a pixel."""
+    focal_px, corner_px = rig.left.K[1, 1], np.hypot(*rig.left.image_size) / 2
+    return 1 / np.array([focal_px, corner_px, corner_px, focal_px])
 
-    def residuals(x: Array) -> Array:
-        values[free] = x
-        return disparity(values)
 
-    first = np.zeros(len(free)) if start is None else start[free]
-    values[free] = least_squares(
-        residuals, first, x_scale=1e-3, loss="soft_l1", f_scale=LIMITS.noise_px
-    ).x
-    return values
+def _without_places(pairs: list[Matches]) -> Iterator[list[Matches]]:
+    """The pairs without the matches of one part of the image, for each part in turn; all have as
+    many matches.
+    """
+    pixels = np.concatenate([pair.left for pair in pairs])
+    ends = np.cumsum([len(pair.left) for pair in pairs])[:-1]
+    for column in np.array_split(np.argsort(pixels[:, 0]), LIMITS.places):
+        for place in np.array_split(column[np.argsort(pixels[column, 1])], LIMITS.places):
+            kept = np.ones(len(pixels), np.bool_)
+            kept[place] = False
+            yield [
+                Matches(pair.left[some], pair.right[some])
+                for pair, some in zip(pairs, np.split(kept, ends), strict=True)
+            ]
+
+
+def _squares(left_out: list[Array]) -> Array:
+    """(pairs,) mean loss over each pair, that of the fit, by which a mismatch counts little; it
+    tells a keystone in the corners as a median does not.
+    """
+    return np.array(
+        [2 * (np.sqrt(1 + (rows / LIMITS.noise_px) ** 2) - 1).mean() for rows in left_out]
+    )
+
+
+def _solve(rig: StereoRig, pairs: list[Matches], start: Array | None = None) -> Array:
+    """(4,) values of least vertical disparity."""
+    first = np.zeros(len(PARAMETERS)) if start is None else start
+    found = least_squares(
+        _disparity_of(rig, pairs), first, x_scale=1e-3, loss="soft_l1", f_scale=LIMITS.noise_px
+    )
+    return np.asarray(found.x)
 
 
 def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Array]:

@@ -12,15 +12,15 @@ UNSEEN = (
     "of known length"
 )
 YAW_WARNING = (
-    "yaw shifts every disparity by {:+.2f} px, and changes ranges: it is the least certain of "
-    "these numbers"
+    "yaw shifts every disparity by {:+.2f} +- {:.2f} px, and changes ranges: it is the least "
+    "certain of these numbers"
 )
 
 
 @dataclass(frozen=True)
 class Movement:
-    """A parameter that has changed, with its standard error. name: see refine.PARAMETERS; radians,
-    or a relative change for scale.
+    """How much a parameter has changed, with its standard error. name: see refine.PARAMETERS;
+    radians, or a relative change for scale.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Movement:
 class Refinement:
     """The refinement of a rig with matches of a dive.
 
-    movements: what has moved, with standard errors; none where the calibration was left as it is.
+    movements: all parameters, with standard errors; none where the calibration was left as it is.
     before_px, after_px: median absolute vertical disparity before, and after on pairs left out of
     the fit. pairs, matches: what it rests on.
     focal_px: focal length of the rectified images.
@@ -45,10 +45,16 @@ class Refinement:
     matches: int
     focal_px: float
 
+    def std(self, name: str) -> float:
+        """The standard error of a parameter; 0 where it was not estimated."""
+        return next((each.std for each in self.movements if each.name == name), 0.0)
+
     @property
-    def better(self) -> bool:
-        """Whether something has moved, and rows of pairs left out of the fit agree better."""
-        return bool(self.movements) and self.after_px < self.before_px
+    def slope_std(self) -> tuple[float, float]:
+        """Standard errors of the disparity's slopes along and across the baseline, pixels a pixel:
+        another focal length stretches the right image, and a roll turns it.
+        """
+        return self.std("scale"), self.std("roll")
 
     @property
     def summary(self) -> str:
@@ -65,13 +71,14 @@ class Refinement:
         if not self.movements:
             return [
                 *text_lines,
-                "no change is significant: the calibration is used unchanged",
+                "these pairs agree better with the calibration, which is used unchanged",
                 UNSEEN,
             ]
         for movement in self.movements:
             text_lines.append(f"  {self._described(movement)}")
             if movement.name == "yaw":
-                text_lines.append(f"  {YAW_WARNING.format(movement.value * self.focal_px)}")
+                shift_px = movement.value * self.focal_px, movement.std * self.focal_px
+                text_lines.append(f"  {YAW_WARNING.format(*shift_px)}")
         return [*text_lines, UNSEEN]
 
     def _described(self, movement: Movement) -> str:

@@ -20,6 +20,11 @@ def jackknife(estimates: Array) -> Array:
     return np.asarray(np.sqrt((groups - 1) * estimates.var(axis=0)))
 
 
+def jackknife_covariance(estimates: Array) -> Array:
+    """Their covariance (k, k), from estimates (groups, k)."""
+    return np.asarray((len(estimates) - 1) * np.cov(estimates.T, bias=True))
+
+
 def no_worse(squares: Array, best: Array) -> bool:
     """Tell whether squared errors (n,) of parts left out are as good as the best model's: not
     significantly larger, or by too little to matter.

@@ -27,8 +27,8 @@ def refined_for_dive(
     folder: RunFolder,
     options: RunOptions,
 ) -> tuple[StereoRig, str]:
-    """The rig refined with pairs of a dive, or the rig itself where refining does not make it
-    better; and a note.
+    """The rig refined with pairs of a dive, or the rig itself where refining makes it worse;
+    and a note.
 
     An earlier run's rig is used as long as the calibration and the pairs that it was refined with
     are unchanged, even if the dive has more pairs now: all frames of a folder have one rig. Raises
@@ -62,8 +62,8 @@ def _refined(
         return rig, f"calibration: used unchanged, because it could not be refined: {error}"
     found = refined.refinement
     assert found
-    if not found.better:
-        unchanged = "calibration: used unchanged, because the refined one is not better"
+    if not found.movements:
+        unchanged = "calibration: used unchanged, because the refined one is worse"
         return rig, f"{unchanged}: {found.summary}"
     if found.before_px > LIMITS.wrong_px:
         first = first_images(pairs, images)

@@ -55,8 +55,8 @@ class InputConfig(StageConfig):
     refine: bool = Field(
         default=False,
         description="Refine the calibration before the run, from pairs spread over the dive, "
-        "in case the rig has moved. Used only if the rows of pairs left out of the estimate "
-        "agree better.",
+        "in case the rig has moved. Not used if the rows of pairs left out of the estimate "
+        "agree better without.",
     )
     flat_port: str | None = Field(
         default=None,

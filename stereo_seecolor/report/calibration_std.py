@@ -64,8 +64,7 @@ def _yaw(rig: StereoRig, range_m: float | None) -> float | None:
     """
     if rig.refinement is None or range_m is None:
         return None
-    std_rad = next((each.std for each in rig.refinement.movements if each.name == "yaw"), None)
-    return None if std_rad is None else std_rad * range_m / rig.baseline_m
+    return rig.refinement.std("yaw") * range_m / rig.baseline_m or None
 
 
 def calibration_note(known: CalibrationStd) -> str:

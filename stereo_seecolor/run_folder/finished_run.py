@@ -404,7 +404,10 @@ def geometry_of_ranges(folder: Path) -> RectifiedPair | None:
 def _geometry(content: dict[str, Any]) -> dict[str, Any]:
     if content["geometry"] is None:
         return {"geometry": None, "T_rectified_left": None}
-    geometry = {**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])}
+    geometry: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in content["geometry"].items()
+    }
     return {
         "geometry": RectifiedPair(**geometry),
         "T_rectified_left": np.array(content["T_rectified_left"], dtype=np.float64),

@@ -52,26 +52,42 @@ def test_what_has_moved_comes_back(name: str) -> None:
     values = np.array([0.002, -0.003, 0.004, 0.0])
     rig = refine_matches(calibrated, dive(moved_rig(calibrated, values)))
     found = rig.refinement
-    assert found and found.better
+    assert found
     assert found.after_px < 0.15 < 0.5 < found.before_px
-    assert [movement.name for movement in found.movements][:3] == list(PARAMETERS[:3])
-    for movement, value in zip(found.movements, values, strict=False):
+    assert [movement.name for movement in found.movements] == list(PARAMETERS)
+    for movement, value in zip(found.movements, values, strict=True):
         assert movement.value == pytest.approx(value, abs=max(5 * movement.std, 2e-5))
         assert movement.std < 4e-4
     assert rig.baseline_m == pytest.approx(calibrated.baseline_m)
 
 
 @pytest.mark.slow
-def test_the_simplest_explanation_is_taken() -> None:
+def test_what_has_not_moved_stays_within_its_error() -> None:
     calibrated = pinhole_rig()
     found = refine_matches(
         calibrated, dive(moved_rig(calibrated, np.array([0.001, 0, 0, 0])))
     ).refinement
     assert found
-    assert [movement.name for movement in found.movements] == ["pitch"]
+    for movement in found.movements[1:]:
+        assert abs(movement.value) < 2 * movement.std
     text = "\n".join(found.lines())
     assert "a vertical offset of +1." in text
     assert "not visible in vertical disparity: the length of the baseline" in text
+
+
+@pytest.mark.slow
+def test_standard_errors_hold_what_the_lens_model_has_wrong() -> None:
+    """All pairs have it at the same place: with pairs left out alone, values were 12 standard
+    errors off.
+    """
+    calibrated, off = pinhole_rig(), []
+    for k1, p1 in ((0.0015, 0.0), (-0.0015, 0.0), (0.0, 0.0003), (0.0, -0.0003)):
+        distortion = calibrated.right.distortion + np.array([k1, 0, p1, 0, 0])
+        truth = replace(calibrated, right=replace(calibrated.right, distortion=distortion))
+        found = refine_matches(calibrated, dive(truth)).refinement
+        assert found
+        off += [movement.value / movement.std for movement in found.movements]
+    assert np.sqrt(np.mean(np.square(off))) < 2.5
 
 
 @pytest.mark.slow
@@ -88,16 +104,29 @@ def test_yaw_comes_with_a_warning() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RIGS)
-def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
+def test_a_rig_that_fits_moves_within_its_errors(name: str) -> None:
     calibrated = RIGS[name]
-    rig = refine_matches(calibrated, dive(calibrated))
+    found = refine_matches(calibrated, dive(calibrated)).refinement
+    assert found and found.movements
+    for movement in found.movements:
+        assert abs(movement.value) < 2.5 * movement.std < 2e-3
+
+
+@pytest.mark.slow
+def test_a_calibration_that_pairs_left_out_agree_better_with_is_left_as_it_is() -> None:
+    """Each pair is off by an error of its own, and none tells of another's."""
+    calibrated, rng = pinhole_rig(), np.random.default_rng(1)
+    pairs = []
+    for off_px in (0.5, -0.5, 0.5, -0.5):
+        left, right = seen_by(calibrated, 500, 0.1, rng)
+        pairs.append(Matches(left, right + np.array([0, off_px])))
+    rig = refine_matches(calibrated, pairs)
     assert rig.right is calibrated.right and np.array_equal(
         rig.T_right_left, calibrated.T_right_left
     )
     found = rig.refinement
-    assert found and not found.better
-    assert found.movements == ()
-    assert "no change is significant" in found.lines()[1]
+    assert found and found.movements == () and found.slope_std == (0, 0)
+    assert "used unchanged" in found.lines()[1]
 
 
 @pytest.mark.slow
@@ -158,5 +187,6 @@ def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
     left, right = (in_air(camera) for camera in (rig.left, rig.right))
     air = vertical_disparity(replace(rig, left=left, right=right), others)
     assert air.air_in_water
-    index = re.search(r"a flat port \(index (\S+) \+-", air.advice[0])
-    assert index and float(index[1]) == pytest.approx(1.34, abs=0.04)
+    index = re.search(r"a flat port \(index (\S+) \+- (\S+)\)", air.advice[0])
+    assert index and float(index[2]) < 0.035
+    assert abs(float(index[1]) - 1.34) < 2 * float(index[2])

@@ -186,6 +186,27 @@ def test_errors_of_the_disparity_that_all_frames_share_are_in_the_standard_error
     assert off == pytest.approx(stated, rel=0.5)
 
 
+def test_the_disparitys_slopes_of_a_refined_rig_are_in_the_standard_errors() -> None:
+    """A right focal length wrong by its standard error shifts ranges over the image as stated,
+    along the baseline, however the images lie.
+    """
+    points, slopes = line(STATED, frames=1).features[0].points, (0.004, 0.002)
+    unit = 1 / GEOMETRY.baseline_m  # the inverse depth of a disparity of one focal length
+    for turns, (x, y) in ((0, slopes), (1, slopes[::-1]), (2, slopes)):
+        geometry = replace(GEOMETRY, quarter_turns=turns, slope_std=slopes)
+        along_x, along_y, *bends = disparity_errors(points, geometry)
+        assert along_x == pytest.approx(x * points[:, 0] * unit, rel=0.01)
+        assert along_y == pytest.approx(y * points[:, 1] * unit, rel=0.01)
+        for bend, plain in zip(bends, [*disparity_errors(points, GEOMETRY)][2:], strict=True):
+            assert np.array_equal(bend, plain)
+    scene = line(STATED, frames=4)
+    sure, unsure = (
+        adjust(scene.T, problem_of(scene), replace(GEOMETRY, slope_std=slope_std)).std[-1, 0]
+        for slope_std in ((0.0, 0.0), slopes)
+    )
+    assert unsure > 2 * sure
+
+
 def flattened(own: Features, by: float) -> Features:
     """Features whose relief windows flatten by this fraction; a narrower window does not."""
     plane = np.column_stack([own.points[:, :2], np.ones(len(own.points))])

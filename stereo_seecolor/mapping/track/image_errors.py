@@ -246,12 +246,22 @@ def disparity_errors(points: Array, geometry: RectifiedPair) -> Iterator[Array]:
     """Ramps (x, y) and bends (x x, x y, y y) of the disparity that all frames share, each as large
     as its standard deviation.
 
-    Ramps look like a turn of the camera, so that no dive shows them, and a track bends by them.
+    Ramps look like a turn of the camera, so that no dive shows them, and a track bends by them: by
+    those that matching leaves, and by those of a refined rig.
 
     Yields:
         Five errors of the inverse depths of points (n, 3) in image space, each (n,), 1/m.
     """
+    corner_px = float(np.hypot(*geometry.image_size)) / 2
     x, y = _from_corner(points, geometry)
-    inverse_m = SETTINGS.disparity_px / (geometry.focal_px * geometry.baseline_m)
-    for first, second in ((x, 1.0), (y, 1.0), (x, x), (x, y), (y, y)):
-        yield inverse_m * (first * second)
+    ramps_px = np.hypot(SETTINGS.disparity_px, corner_px * np.array(geometry.slope_std))
+    x_px, y_px = ramps_px[::-1] if geometry.quarter_turns % 2 else ramps_px
+    bend_px = SETTINGS.disparity_px
+    for std_px, error in (
+        (x_px, x),
+        (y_px, y),
+        (bend_px, x * x),
+        (bend_px, x * y),
+        (bend_px, y * y),
+    ):
+        yield std_px / (geometry.focal_px * geometry.baseline_m) * error
