@@ -166,7 +166,8 @@ def _in_parts(
     for place in PARTED_AT:
         if min(place, 1 - place) * len(matches) < LEAST_PAIRS:
             continue
-        found = causes.in_parts(of_part(0, place), of_part(place, 1))
+        before = of_part(0, place)
+        found = causes.in_parts(before, of_part(place, 1)) if before.explains else causes
         if found.parts:
             return found
     return causes

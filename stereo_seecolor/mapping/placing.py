@@ -18,6 +18,7 @@ from stereo_seecolor.mapping.navigation.comparison import (
     attitudes_equal,
     examine,
     priors,
+    turned_frames,
 )
 from stereo_seecolor.mapping.navigation.fixes import at_fixes
 from stereo_seecolor.mapping.navigation.motions import misfit
@@ -75,6 +76,12 @@ class PlacedSurvey:
     def range_scale(self) -> float:
         """The factor by which ranges exceed the rig's; 1 without markers of known size."""
         return self.markers.scale if self.markers and self.markers.before else 1.0
+
+
+LEAST_TURNED, MOST_TURNED = 3, 0.1
+"""Frames, and their fraction, whose attitudes are far off where the others fit: single ones are
+noise.
+"""
 
 
 def place_survey(
@@ -200,7 +207,7 @@ def _fitted(
     known = priors(own, verdict.placement, config) if navigation.fits else []
     if known:
         navigation = _checked_attitudes(
-            navigation, verdict.placement, track, known[0].attitude_std_rad
+            navigation, verdict.placement, own, track, known[0].attitude_std_rad
         )
     if not navigation.fits:
         own, markers = _upright(track, own, config)
@@ -258,11 +265,21 @@ def _checked_up(verdict: ComparedNavigation, survey: Survey, trajectory: Traject
 
 
 def _checked_attitudes(
-    navigation: Navigation, given: Placement, track: odometry.Track, std_rad: float
+    navigation: Navigation, given: Placement, own: Placement, track: odometry.Track, std_rad: float
 ) -> Navigation:
-    """The navigation, which does not fit if its attitudes are too far off. std_rad: their standard
-    error against the pictures.
+    """The navigation, which does not fit if its attitudes are too far off, or those of some frames
+    are where the others fit. own: placed by the pictures alone. std_rad: their standard error
+    against the pictures.
     """
+    turned, posed = turned_frames(own, given), np.count_nonzero(given.components >= 0)
+    if len(turned) >= max(LEAST_TURNED, MOST_TURNED * posed):
+        names = track.survey.index.names
+        advice = (
+            f"the given attitudes of {len(turned)} of {posed} frames, first {names[turned.min()]}, "
+            f"are more than {np.degrees(MAX_TURN_RAD):.0f} degrees off those of the images where "
+            "the others fit: rows of the track are in another order or of another time"
+        )
+        return replace(navigation, fits=False, advice=advice)
     if not (std_rad > MAX_TURN_RAD and misfit(given.T_world_camera, track.edges) > WRONG):
         return navigation
     off_deg = np.degrees(std_rad)

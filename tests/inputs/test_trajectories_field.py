@@ -472,6 +472,20 @@ def test_units_of_mavlink(many: int, tmp_path: Path) -> None:
     assert trajectory.position_step_m == pytest.approx(0.0111)
 
 
+@pytest.mark.parametrize(
+    ("name", "a_second"), [("time_boot_ms", 1e3), ("TimeUS", 1e6), ("timestamp [ns]", 1e9)]
+)
+def test_units_of_times_are_those_of_their_column(
+    name: str, a_second: float, tmp_path: Path
+) -> None:
+    """Since the epoch, and since a start, whose size tells no unit."""
+    for begin_s in (100.0, NOON):
+        rows = [f"{int((begin_s + i) * a_second)},50,-10,5,0" for i in range(3)]
+        text = "\n".join([HEADER.replace("timestamp", name), *rows, ""])
+        times_s = read_trajectory(write(tmp_path, text, "nav.csv")).timestamps_s
+        np.testing.assert_allclose(times_s - begin_s, [0, 1, 2], atol=1e-5)
+
+
 def test_angles_of_mavlink_are_in_radians(tmp_path: Path) -> None:
     """Those of ATTITUDE beside whole numbers of GLOBAL_POSITION_INT."""
     header = "timestamp,GPS_RAW_INT.lat,GPS_RAW_INT.lon,AHRS2.x,GLOBAL_POSITION_INT.relative_alt"

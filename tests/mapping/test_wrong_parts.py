@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.comparison import turned_frames
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
+from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Poses = NDArray[np.float64]
@@ -63,6 +65,37 @@ def test_poses_in_reverse_order_are_named(
     ends = (last, first) if turned else (first, last)
     assert f"from f{ends[0]:02} to f{ends[1]:02} contradict the images" in line
     assert "in reverse order they would fit" in line
+
+
+def test_a_part_in_reverse_order_over_the_turn_between_two_lines_is_named() -> None:
+    """Its middle frames, which are near to each other, hardly contradict the images."""
+    along = [0.0, 0.5, 1, 1.5, 2, 2.5, 2.5, 2, 1.5, 1, 0.5, 0]
+    places = np.stack([along, np.repeat([0.0, 0.4], 6), np.zeros(12)], axis=1)
+    headings = np.repeat([[0, 0, 0], [0, 0, np.pi]], 6, axis=0)
+    true = np.stack(
+        [pose(R, t) for R, t in zip(rotation_from_vector(headings), places, strict=True)]
+    )
+    given = true.copy()
+    given[3:9] = true[3:9][::-1]
+    ends = [(i, i + 1) for i in range(11)] + [(i, i + 2) for i in (0, 1, 2, 3, 4, 6, 7, 8, 9)]
+    ends += [(3, 6), (4, 7), (6, 9), (7, 10), (8, 11)]
+    edges = [Edge(i, j, inverse(true[i]) @ true[j], np.eye(6), 100) for i, j in ends]
+    index = FrameIndex(NAMES[:12], np.arange(12.0), NOBODY[:12])
+    (line,) = wrong_parts(given, SeenMotion(edges), index)
+    assert "from f03 to f08 contradict the images" in line
+    assert "in reverse order they would fit" in line
+
+
+def test_frames_of_which_others_want_another_attitude_are_found() -> None:
+    """Most of a dive of two lines in reverse order looks like the dive, turned by half."""
+    T = track()
+    own = Placement(pose(rotation_from_vector(np.ones(3)), np.ones(3)) @ T, np.zeros(FRAMES, int))
+    given = Placement(T, np.zeros(FRAMES, int))
+    assert not turned_frames(own, given).size
+    half = pose(rotation_from_vector(np.array([0, 0, np.pi])), np.zeros(3))
+    turned = np.concatenate([T[:10], half @ T[10:]])
+    found = turned_frames(own, Placement(turned, np.zeros(FRAMES, int)))
+    assert found.tolist() == list(range(10))
 
 
 def test_poses_of_another_time_are_named_without_a_cause() -> None:

@@ -431,6 +431,9 @@ def _times(table: Table, columns: Mapping[str, str], by_names: bool) -> Column:
         return np.full(len(table.rows), np.nan)
     day = next((columns[role] for role in ("date", "us_date") if role in columns), "")
     times = table.text(columns["time"].lower())
+    named = unit(columns["time"])
+    if named < 1 and all(is_number(time) for time in times):  # ms, also since a start
+        return named * np.array(list(map(float, times)))
     if day and day != columns["time"]:
         times = [
             f"{date} {time}" for date, time in zip(table.text(day.lower()), times, strict=True)

@@ -38,7 +38,7 @@ _PHRASES = {
 }
 """Words that name a role together."""
 _BESIDE = {
-    "time": "utc gps unix epoch date datum fecha iso year zulu header",
+    "time": "utc gps unix epoch date datum fecha iso year zulu header boot",
     "date": "utc gps",
     "name": "left file id path image photo",
     "valid": "position pos fix",
@@ -61,6 +61,7 @@ _UNITS = {
     **METERS,
     "deg": 1.0, "degree": 1.0, "degrees": 1.0, "cdeg": 0.01, "wgs": 1.0,
     "rad": math.degrees(1), "radians": math.degrees(1), "s": 1.0, "sec": 1.0,
+    "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "usec": 1e-6, "ns": 1e-9, "nsec": 1e-9,
 }  # fmt: skip
 """In meters, degrees and seconds."""
 _ROLE_OF = {word: role for role, words in _WORDS.items() for word in words.split()}

@@ -408,6 +408,22 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
     ]
 
 
+def turned_frames(own: Placement, given: Placement) -> NDArray[np.int64]:
+    """Frames whose given attitude is off by more than a compass is, once the track of the images is
+    brought to the given poses of most.
+    """
+    turned = [np.zeros(0, np.int64)]
+    for component in range(len(own.sizes)):
+        frames = own.frames_of(component)
+        frames = frames[given.components[frames] >= 0]
+        if len(frames) < MIN_FRAMES:
+            continue
+        moved, _ = moved_to_given(own.T_world_camera, given.T_world_camera, frames)
+        turns = np.swapaxes(moved[frames, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]
+        turned.append(frames[np.linalg.norm(rotation_vector(turns), axis=1) > MAX_TURN_RAD])
+    return np.concatenate(turned)
+
+
 def moved_to_given(
     T: Array, given: Array, frames: NDArray[np.int64]
 ) -> tuple[Array, NDArray[np.bool_]]:

@@ -28,6 +28,8 @@ OF_MOTION = 0.5
 MOST_OF = 0.7
 """Of a frame's relative poses that contradict, within a part; among others than the part's, less
 than the rest may."""
+HALF = 0.5
+"""The same of a frame between two others of the part."""
 REVERSED = 0.3
 """Reversed, the poses of a part must leave less than this of what they leave as given."""
 STAYS = 0.2
@@ -53,9 +55,12 @@ def wrong_parts(T_world_camera: Array, seen: SeenMotion, index: FrameIndex) -> l
     if np.isfinite(times_s).all():  # names may run otherwise
         frames = frames[np.argsort(times_s, kind="stable")]
     fraction = np.array([bad[(ends == frame).any(axis=1)].mean() for frame in frames])
+    is_bad = fraction > MOST_OF
+    # in reverse order the middle frames of a part fit each other
+    is_bad[1:-1] |= (fraction[1:-1] >= HALF) & is_bad[:-2] & is_bad[2:]
     parts: list[list[int]] = []
-    for frame, of_it in zip(frames.tolist(), fraction, strict=True):
-        if of_it <= MOST_OF:
+    for frame, of_it in zip(frames.tolist(), is_bad, strict=True):
+        if not of_it:
             parts.append([])
         else:
             parts = parts or [[]]
