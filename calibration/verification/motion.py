@@ -88,8 +88,8 @@ def find_couples(
 
 
 def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bool:
-    """Tell whether the couples before and after some moment want offsets that differ: an offset of
-    them all then describes neither.
+    """Tell whether the couples before and after some moment want offsets that differ, and none
+    stands out from those on its side: an offset of them all then describes neither.
     """
     own = []
     for couple in couples:
@@ -107,7 +107,9 @@ def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bo
         first, then = (np.average(offset_px[side], weights=weight[side]) for side in sides)
         std_px = float(np.sqrt(sum(1 / weight[side].sum() for side in sides)))
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.pair_deviations * std_px)
-        if abs(then - first) > least_px:
+        step_px = np.repeat([first, then], [place, len(own) - place])
+        apart = np.abs(offset_px - step_px) * np.sqrt(weight)
+        if abs(then - first) > least_px and apart.max() <= LIMITS.pair_deviations:
             return True
     return False
 

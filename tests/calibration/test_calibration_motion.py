@@ -80,6 +80,11 @@ def test_an_offset_of_a_part_of_the_dive_is_none_of_all(before_px: float, after_
     assert not changes_in_time(dive(before_px), GEOMETRY)
 
 
+def test_offsets_that_scatter_change_at_no_moment() -> None:
+    couples = [dive(offset_px)[k] for k, offset_px in enumerate((3.0, -3.0, 3.0, 0.0))]
+    assert not changes_in_time(couples, GEOMETRY)
+
+
 def test_offsets_of_each_moment_that_no_shared_values_fit_are_named() -> None:
     """One side is stabilized along the baseline alone: a joint fit of such couples fails."""
     couples = [

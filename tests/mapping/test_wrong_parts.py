@@ -73,7 +73,7 @@ def test_a_part_in_reverse_order_over_the_turn_between_two_lines_is_named() -> N
     places = np.stack([along, np.repeat([0.0, 0.4], 6), np.zeros(12)], axis=1)
     headings = np.repeat([[0, 0, 0], [0, 0, np.pi]], 6, axis=0)
     true = np.stack(
-        [pose(R, t) for R, t in zip(rotation_from_vector(headings), places, strict=True)]
+        [rigid_transform(R, t) for R, t in zip(rotation_from_vector(headings), places, strict=True)]
     )
     given = true.copy()
     given[3:9] = true[3:9][::-1]
@@ -89,10 +89,12 @@ def test_a_part_in_reverse_order_over_the_turn_between_two_lines_is_named() -> N
 def test_frames_of_which_others_want_another_attitude_are_found() -> None:
     """Most of a dive of two lines in reverse order looks like the dive, turned by half."""
     T = track()
-    own = Placement(pose(rotation_from_vector(np.ones(3)), np.ones(3)) @ T, np.zeros(FRAMES, int))
+    own = Placement(
+        rigid_transform(rotation_from_vector(np.ones(3)), np.ones(3)) @ T, np.zeros(FRAMES, int)
+    )
     given = Placement(T, np.zeros(FRAMES, int))
     assert not turned_frames(own, given).size
-    half = pose(rotation_from_vector(np.array([0, 0, np.pi])), np.zeros(3))
+    half = rigid_transform(rotation_from_vector(np.array([0, 0, np.pi])), np.zeros(3))
     turned = np.concatenate([T[:10], half @ T[10:]])
     found = turned_frames(own, Placement(turned, np.zeros(FRAMES, int)))
     assert found.tolist() == list(range(10))
