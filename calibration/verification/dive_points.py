@@ -128,11 +128,12 @@ def reading_of(rig: StereoRig, causes: Sequence[int], amounts: Array) -> Reading
 
 def seen_twice(points: DivePoints, reading: Reading, couple: Sequence[Array]) -> SeenTwice:
     """The points of a couple as a rig reads them."""
-    sides = []
+    sides, rows_px = [], []
     for raw in (couple[:2], couple[2:]):
         left, right = points.read(reading, raw[0], raw[1])
         sides.append(np.column_stack([left, left[:, 0] - right[:, 0]]))
+        rows_px.append(right[:, 1] - left[:, 1])
     seen = np.isfinite(sides[0]).all(axis=1) & np.isfinite(sides[1]).all(axis=1)
     if seen.sum() < LEAST_POINTS:
         raise np.linalg.LinAlgError("too few points")
-    return SeenTwice(sides[0][seen], sides[1][seen])
+    return SeenTwice(sides[0][seen], sides[1][seen], np.column_stack(rows_px)[seen])

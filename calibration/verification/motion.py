@@ -22,6 +22,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
 from calibration.resampling import jackknife
+from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.matches import (
     MATCH_LIMITS,
     QUICK,
@@ -46,11 +47,14 @@ from calibration.verification.rigid_motion import (
     corrected_points,
     fit_motions,
 )
+from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 
 
 FEATURES = replace(QUICK, max_features=1000)
+NOISE_DRAWS = 2
+"""Draws of noise: the scatter of their mean is a fifth of what noise does."""
 
 
 def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
@@ -94,7 +98,8 @@ def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bo
     own = []
     for couple in couples:
         with suppress(np.linalg.LinAlgError):  # one that holds no motion
-            own.append(fit_motions([couple], geometry, OFFSET))
+            fitted = fit_motions([couple], geometry, OFFSET)
+            own.append(_without_noise(fitted, [couple], geometry, [OFFSET]))
     if not own:
         return False
     offset_px = np.array([one.values[OFFSET] for one in own])
@@ -130,10 +135,50 @@ def fit_clear(
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
         free += [value] if abs(uneven.values[value]) > least_px else []
     fitted = fit_motions(couples, geometry, *free)
-    if fitted.std[FOCAL] < LIMITS.known_focal:
-        return fitted, free
-    free.remove(FOCAL)
-    return fit_motions(couples, geometry, *free), free
+    if fitted.std[FOCAL] >= LIMITS.known_focal:
+        free.remove(FOCAL)
+        fitted = fit_motions(couples, geometry, *free)
+    return _without_noise(fitted, couples, geometry, free), free
+
+
+def _without_noise(
+    fitted: Fitted, couples: Sequence[SeenTwice], geometry: RectifiedPair, free: Collection[int]
+) -> Fitted:
+    """The fit without what noise of the disparities does to it (simulation and extrapolation, Cook
+    and Stefanski 1994): parallax by a noisy disparity looks too small, as with an offset. As much
+    noise again, as the rows show, moves the values as much again; half of it is one more error.
+    """
+    noise_px = [_row_noise_px(couple) for couple in couples]
+    if not any(noise_px):
+        return fitted
+    rng, moved = np.random.default_rng(0), []
+    for _ in range(NOISE_DRAWS):
+        noisy = [
+            replace(
+                couple,
+                first=couple.first + rng.normal(0, [0, 0, std_px], couple.first.shape),
+                second=couple.second + rng.normal(0, [0, 0, std_px], couple.second.shape),
+            )
+            for couple, std_px in zip(couples, noise_px, strict=True)
+        ]
+        moved.append(fit_motions(noisy, geometry, *free).values - fitted.values)
+    by_noise = np.mean(moved, axis=0)
+    return replace(
+        fitted,
+        values=fitted.values - by_noise,
+        partial=fitted.partial - by_noise,
+        std=np.hypot(fitted.std, by_noise / 2),
+        formal=np.hypot(fitted.formal, by_noise / 2),
+    )
+
+
+def _row_noise_px(couple: SeenTwice) -> float:
+    """Standard deviation of the noise of the rows, which is that of the disparities."""
+    if couple.rows_px is None:
+        return 0.0
+    rows = zip(couple.rows_px.T, (couple.first, couple.second), strict=True)
+    rest = [explain(rows_px, points[:, :2])[1] for rows_px, points in rows]
+    return deviation_about_zero(np.concatenate(rest))
 
 
 def range_error(offset_px: Array, log_focal: Array, disparity_px: float) -> Array:

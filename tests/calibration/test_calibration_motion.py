@@ -80,6 +80,33 @@ def test_an_offset_of_a_part_of_the_dive_is_none_of_all(before_px: float, after_
     assert not changes_in_time(dive(before_px), GEOMETRY)
 
 
+def noisy_dive(seed: int, noise_px: float, points: int = 100) -> list[SeenTwice]:
+    """Couples of views of low relief, whose disparities and rows have this noise."""
+    rng, seen = np.random.default_rng(seed), []
+    for _ in range(5):
+        depth_m = rng.uniform(1.8, 2.2, points)
+        slopes = np.column_stack([rng.uniform(-0.5, 0.5, (points, 2)), np.ones(points)])
+        before = slopes * depth_m[:, None]
+        R = cv2.Rodrigues(rng.normal(0, 0.03, 3))[0]
+        after = before @ R.T + rng.normal(0, 0.2, 3) * [1, 1, 0.5]
+        sides = []
+        for x, y, z in (before.T, after.T):
+            true = np.column_stack([x / z, y / z, GEOMETRY.baseline_m / z]) * GEOMETRY.focal_px
+            sides.append(true + rng.normal(0, [0.1, 0.1, noise_px], true.shape))
+        seen.append(SeenTwice(*sides, rng.normal(0, noise_px, (points, 2))))
+    return seen
+
+
+def test_noise_of_disparities_is_no_offset() -> None:
+    """Over low relief noise of half a pixel looks like an offset of two."""
+    dives = [noisy_dive(seed, 0.5) for seed in range(6)]
+    unknown = [[replace(couple, rows_px=None) for couple in couples] for couples in dives]
+    assert np.mean([motion_of(couples, GEOMETRY).offset_px for couples in unknown]) > 1.4
+    found = [motion_of(couples, GEOMETRY) for couples in dives]
+    assert abs(np.mean([one.offset_px for one in found])) < 0.5
+    assert not any(one.is_found for one in found)
+
+
 def test_offsets_that_scatter_change_at_no_moment() -> None:
     couples = [dive(offset_px)[k] for k, offset_px in enumerate((3.0, -3.0, 3.0, 0.0))]
     assert not changes_in_time(couples, GEOMETRY)
