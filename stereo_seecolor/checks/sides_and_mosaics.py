@@ -21,6 +21,9 @@ LOOKED_AT = 3
 GRAY = 0.01
 """Of full scale: median difference of the channels of a side without color. JPEGs of gray images
 have less, the dullest underwater frames (a real survey at 2 m in turbid water) 0.03."""
+DARK, CLIPPED = 0.08, 0.98
+"""Of full scale: images do not show their color if the median of the brightest channel is darker,
+or that of the darkest one is brighter."""
 TINTED = 0.01
 """The same with each channel divided by its mean, and half of what the other side must have: gray
 images that were given a tint (JPEGs up to 0.01). Frames of turbid water have little more (a real
@@ -45,7 +48,11 @@ def gray_side(images: DiveImages) -> DiveVerdict:
     of_left, of_right, tinted = [], [], []
     for place in evenly_spaced(range(len(pairs)), LOOKED_AT):
         with suppress(InputError):
-            left = _has_color(pairs[place].left, config)
+            pixels = _some_pixels(pairs[place].left, config)
+            darkest, brightest = np.median([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
+            if brightest < DARK or darkest > CLIPPED:
+                continue
+            left = _differ(pixels)
             right = left or _has_color(pairs[place].right, config)
             tinted.append(left and _is_tinted_gray(pairs[place], config))
             of_left.append(left)
@@ -95,7 +102,11 @@ def _gray_part(images: DiveImages, looked_at: Sequence[int], of_left: Sequence[b
 
 
 def _has_color(path: Path, config: InputConfig) -> bool:
-    return bool(np.median(np.ptp(_some_pixels(path, config), axis=1)) > GRAY)
+    return _differ(_some_pixels(path, config))
+
+
+def _differ(pixels: NDArray[np.float64]) -> bool:
+    return bool(np.median(np.ptp(pixels, axis=1)) > GRAY)
 
 
 def _is_tinted_gray(pair: Pair, config: InputConfig) -> bool:

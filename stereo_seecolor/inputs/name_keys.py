@@ -1,6 +1,7 @@
 """Keys of file names, under which the left and the right file of a pair meet."""
 
 import re
+import string
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -118,18 +119,20 @@ def _counted(paths: Sequence[Path]) -> dict[int, Path]:
     return counted
 
 
-_COUNTER = re.compile(r"(.*?)(\d+)", re.DOTALL)
-"""A name that ends in the number of a counter."""
-
-
 def may_roll_over(first: str, last: str) -> bool:
     """Tell whether the first and the last of sorted names are of one counter at its two ends: 0 or
     1, and 9999.
     """
-    ends = [_COUNTER.fullmatch(name) for name in (first, last)]
-    if not (ends[0] and ends[1]) or ends[0][1] != ends[1][1]:
+    (name, low), (same, high) = _counter(first), _counter(last)
+    if not (low and high) or name != same:
         return False
-    return int(ends[0][2]) <= 1 and len(ends[0][2]) == len(ends[1][2]) and set(ends[1][2]) == {"9"}
+    return int(low) <= 1 and len(low) == len(high) and set(high) == {"9"}
+
+
+def _counter(name: str) -> tuple[str, str]:
+    """A name without the number of a counter at its end, and the number; "" where none."""
+    before = name.rstrip(string.digits)
+    return before, name[len(before) :]
 
 
 def names_after_rollover(names: Sequence[str]) -> int:
@@ -138,11 +141,11 @@ def names_after_rollover(names: Sequence[str]) -> int:
     """
     if len(names) < 2 or not may_roll_over(names[0], names[-1]):
         return 0
-    ends = [_COUNTER.fullmatch(name) for name in names]
-    if any(end is None or end[1] != ends[0][1] for end in ends):  # type: ignore[index]
+    ends = [_counter(name) for name in names]
+    if any(not number or before != ends[0][0] for before, number in ends):
         return 0
-    own = [(int(end[2]), Path(name)) for end, name in zip(ends, names, strict=True) if end]
-    return own.index(_unrolled(own, len(ends[-1][2]))[0])  # type: ignore[index]
+    own = [(int(number), Path(name)) for (_, number), name in zip(ends, names, strict=True)]
+    return own.index(_unrolled(own, len(ends[-1][1]))[0])
 
 
 def _unrolled(own: list[tuple[int, Path]], digits: int) -> list[tuple[int, Path]]:

@@ -2,6 +2,7 @@
 ``nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Hdg``.
 """
 
+import csv
 import difflib
 import re
 from collections.abc import Mapping, Sequence, Set
@@ -136,8 +137,11 @@ def describe_table(lines: Lines) -> str:
     files.
     """
     separator = separator_of(lines.header)
-    header = split_fields(lines.header, separator)
-    rows = [split_fields(line, separator) for _, line in lines.content[:3]]
+    try:
+        header = split_fields(lines.header, separator)
+        rows = [split_fields(line, separator) for _, line in lines.content[:3]]
+    except csv.Error:  # a cell of more than 131,072 characters
+        return ""
     numbers = [sum(map(is_number, row)) for row in rows if row != header]
     if len(header) < LEAST_COLUMNS or any(map(is_number, header)) or not numbers:
         return ""
