@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
-from stereo_seecolor.checks.sample import DiveImages, edge, evenly_spaced
+from stereo_seecolor.checks.sample import DiveImages, edge, ends_of_part, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -93,10 +93,7 @@ def order_of_sides(images: DiveImages) -> DiveVerdict:
     if found == looked_at:
         cure = "if the right images are correct, --set input.channels=bgr"
     else:
-        before = [place for place in looked_at if place < found[0]]
-        after = [place for place in looked_at if place > found[-1]]
-        first = edge(before[-1], found[0], exchanged) if before else found[0]
-        last = edge(after[0], found[-1], exchanged) if after else found[-1]
+        first, last = ends_of_part(looked_at, found, exchanged)
         what = f"{what}, as are pairs {pairs[first].name} to {pairs[last].name}, but not all"
         cure = "process the parts separately"
     return DiveVerdict((f"input: {what}: bring both sides to one order; {cure}",), COLORS)

@@ -57,6 +57,26 @@ def edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
     return outside
 
 
+def ends_of_part(
+    looked_at: Sequence[int], found: Sequence[int], is_in_part: Callable[[int], bool]
+) -> tuple[int, int]:
+    """The first and the last place of a part of the dive, between the places that were looked at;
+    of those ``found`` in it, where a pair between cannot be read.
+    """
+
+    def end(outside: int, inside: int) -> int:
+        with suppress(InputError):
+            return edge(outside, inside, is_in_part)
+        return inside
+
+    before = [place for place in looked_at if place < found[0]]
+    after = [place for place in looked_at if place > found[-1]]
+    return (
+        end(before[-1], found[0]) if before else found[0],
+        end(after[0], found[-1]) if after else found[-1],
+    )
+
+
 def consecutive_intervals(places: Iterable[int]) -> list[tuple[int, int]]:
     """First and last of each interval of consecutive numbers. places: in increasing order."""
     parts: list[tuple[int, int]] = []

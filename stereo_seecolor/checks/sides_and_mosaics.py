@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.checks.channel_order import SETTINGS
-from stereo_seecolor.checks.sample import DiveImages, edge, evenly_spaced
+from stereo_seecolor.checks.sample import DiveImages, ends_of_part, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
 
 LOOKED_AT = 3
@@ -54,7 +53,7 @@ def gray_side(images: DiveImages) -> DiveVerdict:
                 continue
             left = _differ(pixels)
             right = left or _has_color(pairs[place].right, config)
-            tinted.append(left and _is_tinted_gray(pairs[place], config))
+            tinted.append(left and _is_tinted_gray(pixels, pairs[place].right, config))
             of_left.append(left)
             of_right.append(right)
             looked_at.append(place)
@@ -82,17 +81,9 @@ def _gray_part(images: DiveImages, looked_at: Sequence[int], of_left: Sequence[b
     """
     pairs, config = images.pairs, images.config.input
     grays = [place for place, colored in zip(looked_at, of_left, strict=True) if not colored]
-
-    def turns_gray(inside: int, outside: int) -> int:
-        """The gray image next to the colored one; ``outside`` where one cannot be read."""
-        with suppress(InputError):
-            return edge(inside, outside, lambda place: not _has_color(pairs[place].left, config))
-        return outside
-
-    before = [place for place in looked_at if place < grays[0]]
-    after = [place for place in looked_at if place > grays[-1]]
-    first = turns_gray(before[-1], grays[0]) if before else grays[0]
-    last = turns_gray(after[0], grays[-1]) if after else grays[-1]
+    first, last = ends_of_part(
+        looked_at, grays, lambda place: not _has_color(pairs[place].left, config)
+    )
     return (
         f"the left images have no color from {pairs[first].left.name} to {pairs[last].left.name}, "
         "others of the dive do: results have the colors of the left images, so they are gray "
@@ -109,18 +100,17 @@ def _differ(pixels: NDArray[np.float64]) -> bool:
     return bool(np.median(np.ptp(pixels, axis=1)) > GRAY)
 
 
-def _is_tinted_gray(pair: Pair, config: InputConfig) -> bool:
-    """Tell whether the channels of the left image differ by a factor alone, and not those of the
-    right one.
+def _is_tinted_gray(left: NDArray[np.float64], right: Path, config: InputConfig) -> bool:
+    """Tell whether the channels of the left image (n, 3) differ by a factor alone, and not those of
+    the right one.
     """
-    apart = []
-    for path, least in ((pair.left, 0.0), (pair.right, 2 * TINTED)):
-        pixels = _some_pixels(path, config)
-        means = np.maximum(pixels.mean(axis=0), TINTED)
-        apart.append(np.median(np.ptp(pixels * means.mean() / means, axis=1)))
-        if apart[0] > TINTED or apart[-1] < least:
-            return False
-    return True
+    return _apart(left) <= TINTED and _apart(_some_pixels(right, config)) >= 2 * TINTED
+
+
+def _apart(pixels: NDArray[np.float64]) -> float:
+    """Median difference of the channels, each divided by its mean."""
+    means = np.maximum(pixels.mean(axis=0), TINTED)
+    return float(np.median(np.ptp(pixels * means.mean() / means, axis=1)))
 
 
 def _some_pixels(path: Path, config: InputConfig) -> NDArray[np.float64]:

@@ -1,7 +1,6 @@
 """Keys of file names, under which the left and the right file of a pair meet."""
 
 import re
-import string
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -95,23 +94,22 @@ def _counted(paths: Sequence[Path]) -> dict[int, Path]:
     A counter starts again in each folder, or where numbers come twice with each name before them
     (``GX010123_0001``, ``GX020123_0001``).
     """
-    found = {path: re.search(r"(?<!\d)\d+$", path.stem) for path in paths}
-    numbers = {path: int(digits[0]) for path, digits in found.items() if digits}
-    if len(numbers) < len(paths):
+    found = {path: _counter(path.stem) for path in paths}
+    if not all(digits for _, digits in found.values()):
         return {}
     groups: dict[str, list[tuple[int, Path]]] = defaultdict(list)
-    for path, number in numbers.items():
-        groups[str(path.parent)].append((number, path))
+    for path, (_, digits) in found.items():
+        groups[str(path.parent)].append((int(digits), path))
     for folder, files in list(groups.items()):
         if len({number for number, _ in files}) < len(files):
             del groups[folder]
             for number, path in files:
-                groups[f"{folder}/{path.stem.removesuffix(found[path][0])}"].append((number, path))  # type: ignore[index]
+                groups[f"{folder}/{found[path][0]}"].append((number, path))
     counted: dict[int, Path] = {}
     before, offset = -1, 0
     for _, files in sorted(groups.items(), key=lambda group: natural_key(group[0])):
         own = sorted(files)
-        for number, path in _unrolled(own, len(found[own[-1][1]][0])):  # type: ignore[index]
+        for number, path in _unrolled(own, len(found[own[-1][1]][1])):
             if number + offset <= before:
                 offset = before + 1 - number
             before = number + offset
@@ -131,8 +129,8 @@ def may_roll_over(first: str, last: str) -> bool:
 
 def _counter(name: str) -> tuple[str, str]:
     """A name without the number of a counter at its end, and the number; "" where none."""
-    before = name.rstrip(string.digits)
-    return before, name[len(before) :]
+    found = re.search(r"(?<!\d)\d+$", name)
+    return (name[: found.start()], found[0]) if found else (name, "")
 
 
 def names_after_rollover(names: Sequence[str]) -> int:

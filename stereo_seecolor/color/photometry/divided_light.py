@@ -5,12 +5,11 @@ usual exposure.
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_model import SHAPE, FrameLight
-from stereo_seecolor.color.render.display import FULL_AT
+from stereo_seecolor.color.render.display import FULL_AT, brightest_channel
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image, Map
@@ -69,8 +68,7 @@ def with_clipped(divided: Image, image: Image) -> Image:
     Returns:
         (H, W, 3), the divided image; clipped pixels are as bright as in the image.
     """
-    red, green, blue = cv2.split(image)  # numpy takes five times as long over a short axis
-    clipped = cv2.max(cv2.max(red, green), blue) >= FULL_AT * np.iinfo(image.dtype).max
+    clipped = brightest_channel(image) >= FULL_AT * np.iinfo(image.dtype).max
     out = divided.copy()
     out[clipped] = np.maximum(divided[clipped], image[clipped])
     return out

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.display import FULL_AT, FULL_FROM
+from stereo_seecolor.color.render.display import FULL_AT, FULL_FROM, brightest_channel
 from stereo_seecolor.color.render.lookup import Shown
 from stereo_seecolor.records import Image
 
@@ -45,8 +45,7 @@ def carry_hue(shown: Shown, bright: Image) -> NDArray[Any]:
     no_hue = clipped & ((lost == 3) | ((lost == 2) & (least > (1 - NEARLY_GRAY) * most)))
     if not no_hue.any():
         return shown.image
-    red, green, blue = cv2.split(bright)
-    brightest = cv2.max(cv2.max(red, green), blue)
+    brightest = brightest_channel(bright)
     nearly = (brightest >= NEARLY_FULL * top) & (brightest < FULL_FROM * top) & ~shown.unknown
     with_hue = np.append(at[clipped & ~no_hue], np.flatnonzero(nearly))
     hue = np.zeros((bright.shape[0] * bright.shape[1], 4), np.float32)

@@ -2,7 +2,7 @@
 was read rightly.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -372,22 +372,11 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
     """
     offsets, turns = [], []
     used = given.components >= 0
-    for component in range(len(own.sizes)):
-        frames = own.frames_of(component)
-        frames = frames[given.components[frames] >= 0]
-        if len(frames) < MIN_FRAMES:
-            continue
-        moved, kept = moved_to_given(own.T_world_camera, given.T_world_camera, frames)
+    for frames, offsets_m, turns_rad, kept in _left_by_components(own, given):
         used[frames[~kept]] = False
-        frames = frames[kept]
-        scale = np.sqrt(len(frames) / (len(frames) - 2))  # six of the numbers are fitted
-        offsets.append(scale * (given.T_world_camera[frames, :3, 3] - moved[frames, :3, 3]))
-        turns.append(
-            scale
-            * rotation_vector(
-                np.swapaxes(moved[frames, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]
-            )
-        )
+        scale = np.sqrt(kept.sum() / (kept.sum() - 2))  # six of the numbers are fitted
+        offsets.append(scale * offsets_m[kept])
+        turns.append(scale * turns_rad[kept])
     estimated = np.array(UNKNOWN_STD)
     if offsets:
         off, turn = np.concatenate(offsets), np.concatenate(turns)
@@ -413,15 +402,27 @@ def turned_frames(own: Placement, given: Placement) -> NDArray[np.int64]:
     brought to the given poses of most.
     """
     turned = [np.zeros(0, np.int64)]
+    for frames, _, turns_rad, _ in _left_by_components(own, given):
+        turned.append(frames[np.linalg.norm(turns_rad, axis=1) > MAX_TURN_RAD])
+    return np.concatenate(turned)
+
+
+def _left_by_components(
+    own: Placement, given: Placement
+) -> Iterator[tuple[NDArray[np.int64], Array, Array, NDArray[np.bool_]]]:
+    """For each component the frames (n,) with a given pose, what is left of their positions (n, 3)
+    and attitudes (n, 3), meters and radians, once it is brought to them; and which of them it was
+    brought to.
+    """
     for component in range(len(own.sizes)):
         frames = own.frames_of(component)
         frames = frames[given.components[frames] >= 0]
         if len(frames) < MIN_FRAMES:
             continue
-        moved, _ = moved_to_given(own.T_world_camera, given.T_world_camera, frames)
-        turns = np.swapaxes(moved[frames, :3, :3], 1, 2) @ given.T_world_camera[frames, :3, :3]
-        turned.append(frames[np.linalg.norm(rotation_vector(turns), axis=1) > MAX_TURN_RAD])
-    return np.concatenate(turned)
+        moved, kept = moved_to_given(own.T_world_camera, given.T_world_camera, frames)
+        there, here = given.T_world_camera[frames], moved[frames]
+        turns = np.swapaxes(here[:, :3, :3], 1, 2) @ there[:, :3, :3]
+        yield frames, there[:, :3, 3] - here[:, :3, 3], rotation_vector(turns), kept
 
 
 def moved_to_given(
