@@ -11,18 +11,16 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.mapping.navigation.comparison import (
-    ALIKE,
-    MAX_TURN_RAD,
     ComparedNavigation,
     Navigation,
-    attitudes_equal,
     examine,
-    priors,
-    turned_frames,
 )
+from stereo_seecolor.mapping.navigation.corrections import MAX_TURN_RAD
 from stereo_seecolor.mapping.navigation.fixes import at_fixes
 from stereo_seecolor.mapping.navigation.motions import misfit
+from stereo_seecolor.mapping.navigation.priors import priors, turned_frames
 from stereo_seecolor.mapping.navigation.spot_check import spot_check
+from stereo_seecolor.mapping.navigation.unmoved import ALIKE, attitudes_equal
 from stereo_seecolor.mapping.navigation.upright import upright
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph

@@ -15,7 +15,8 @@ from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.inputs.trajectories.vehicle_track import VehicleTrack
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import place
-from stereo_seecolor.mapping.navigation.comparison import ComparedNavigation, examine, priors
+from stereo_seecolor.mapping.navigation.comparison import ComparedNavigation, examine
+from stereo_seecolor.mapping.navigation.priors import priors
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import GeoOrigin, Trajectory

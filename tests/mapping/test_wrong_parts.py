@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rigid_transform, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.navigation.comparison import turned_frames
+from stereo_seecolor.mapping.navigation.priors import turned_frames
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement
