@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.report.overview import DiveFacts
+from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.page_columns import Column, plots
 from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.layout import PAGE

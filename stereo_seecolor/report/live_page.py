@@ -14,7 +14,8 @@ from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.previews import LIVE, preview, range_picture
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.overview import NAMED_FRAMES, Fact, RowFacts
+from stereo_seecolor.report.facts import RowFacts
+from stereo_seecolor.report.overview import NAMED_FRAMES, Fact
 from stereo_seecolor.report.templates import render_template
 from stereo_seecolor.report.texts import STATIC, length, phrase
 from stereo_seecolor.report.verdict import judge_so_far

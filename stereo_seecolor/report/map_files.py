@@ -15,13 +15,13 @@ from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.rasters import can_read_rasters, raster_problem
+from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.height_code import height_std_m, height_tiles
 from stereo_seecolor.report.map_gaps import fits, gap_tiles, packed_reasons, reasons
 from stereo_seecolor.report.map_images import TerrainImages, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, box
 from stereo_seecolor.report.map_sides import packed_sides
 from stereo_seecolor.report.mesh_levels import Level, MeshSource, Place, below, levels
-from stereo_seecolor.report.overview import DiveFacts
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
 from stereo_seecolor.report.squares import Squares
 from stereo_seecolor.report.templates import script

@@ -16,20 +16,19 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.chart_records import kept_charts
+from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.frame_blocks import FOLDER as FRAME_BLOCKS
 from stereo_seecolor.report.frame_blocks import frame_blocks
 from stereo_seecolor.report.frame_files import FORMAT, FrameFiles, page_stage, raw_is_there
 from stereo_seecolor.report.kept_measures import FILE as MEASURES
 from stereo_seecolor.report.kept_measures import read_kept_measures
 from stereo_seecolor.report.map_files import write_map_files
+from stereo_seecolor.report.methods import citations, methods
 from stereo_seecolor.report.overview import (
     NAMED_FRAMES,
-    DiveFacts,
     changed_settings,
-    citations,
     dive_facts,
     example_frames,
-    methods,
 )
 from stereo_seecolor.report.page_columns import columns
 from stereo_seecolor.report.templates import render_template, script

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stereo_seecolor.report.overview import DiveFacts
+from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 
 Column = list[float | None]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.report.calibration_std import calibration_std
-from stereo_seecolor.report.overview import DiveFacts, RowFacts
+from stereo_seecolor.report.facts import DiveFacts, RowFacts
 from stereo_seecolor.report.texts import phrase
 
 

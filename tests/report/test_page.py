@@ -30,9 +30,9 @@ from stereo_seecolor.extras.evaluation.charts.search import patch_colors
 from stereo_seecolor.extras.evaluation.charts.targets import FoundChart, chart
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.facts import RowFacts
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
-from stereo_seecolor.report.overview import RowFacts
 from stereo_seecolor.report.range_code import (
     RANGE_CODE,
     range_codes,

@@ -38,7 +38,9 @@ from stereo_seecolor.mapping.raster.square_metrics import mean_height_range, rdh
 from stereo_seecolor.mapping.raster.structure import Numbers, numbers_of, squares_of, structure
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.records import GeoOrigin
-from stereo_seecolor.report.overview import DiveFacts, dive_facts, methods
+from stereo_seecolor.report.facts import DiveFacts
+from stereo_seecolor.report.methods import methods
+from stereo_seecolor.report.overview import dive_facts
 from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.finished_run import open_run
