@@ -8,9 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from browser_pages import RANGES_ARE_READ
 from conftest import Dive
 from firefox import firefox
-from test_page_browser import RANGES_ARE_READ
 
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run

@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from browser_pages import browser, new_context
 from playwright.sync_api import BrowserContext
-from test_page_browser import browser, new_context  # noqa: F401  (fixtures)
 
 from calibration.formats import load_rig
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"])
 def test_the_page_shows_what_arrives(
     make_dive,
-    new_context: Callable[..., BrowserContext],  # noqa: F811
+    new_context: Callable[..., BrowserContext],
     tmp_path: Path,
     host: str,
 ) -> None:
