@@ -87,8 +87,9 @@ def _other_shape(images: Size, calibrated: Size) -> str:
         return "as if both sides lay one above the other: give it as --left and as --right"
     if down == 2 * across:
         return (
-            "as if each side were squeezed to half its width: stretch both sides to the "
-            "calibrated width"
+            "half of its width, as if each side were squeezed: stretch both sides to the "
+            "calibrated width; if what was given as --left and as --right shows one camera alone, "
+            "give the other camera's as --right"
         )
     return "a crop or another camera: use a calibration made at this resolution"
 

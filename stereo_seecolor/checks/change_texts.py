@@ -37,8 +37,8 @@ def step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) ->
         )
         cause = (
             "an offset or a roll, but no enlargement and no exchange of sides, explains this: a "
-            "camera was knocked or mounted again, images are cropped differently, or pairs come "
-            "from another rig from there"
+            "camera was knocked or mounted again, images are cropped differently, pairs come from "
+            "another rig, or one side lost images while the rig moved evenly from there"
         )
     return (
         f"from {here} on {what}: {cause}: ranges on one side of {here} are wrong by about "

@@ -80,6 +80,12 @@ class StereoInputs:
     def __post_init__(self) -> None:
         for side in ("left", "right"):
             object.__setattr__(self, side, video_of(Path(getattr(self, side))))
+        video, other = sorted((self.left, self.right), key=is_video, reverse=True)
+        if is_video(video) and not is_video(other):
+            raise InputError(
+                f"{video} is a video, and {other} is none that is read: give videos of both "
+                "sides, or folders of images of both"
+            )
 
     @property
     def names(self) -> dict[str, str]:

@@ -16,7 +16,12 @@ from stereo_seecolor.inputs.halves import SIDES, half_of
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_streams import gray
 
-EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
+EXTENSIONS = frozenset(
+    {
+        *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"),
+        *(".mts", ".m2ts", ".ts", ".wmv", ".3gp"),
+    }
+)
 
 FULL_16 = 257 / 256
 """FFmpeg makes white of 8 bits 255 * 256 of 16; the rest of the program has it at 65535."""

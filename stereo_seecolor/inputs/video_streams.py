@@ -1,5 +1,6 @@
 """The streams of a video file, by PyAV (FFmpeg): pictures in gray, sound, time of recording."""
 
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -15,6 +16,9 @@ from stereo_seecolor.files.whole_files import special_kind
 
 SOUND_RATE_HZ = 8000
 """Enough for voices, clicks and motors; a sample is 0.1 ms."""
+
+MOST_BOXES = 1000
+"""An MP4 has a few boxes at its top; one that streams, two for each piece."""
 
 
 def video_library() -> Any:
@@ -41,8 +45,37 @@ def opened(path: Path) -> Iterator[Any]:
             yield container
     except (av.FFmpegError, OSError) as error:
         raise InputError(
-            f"{path}: is not a video that FFmpeg can read: {error.strerror or error}"
+            f"{path}: "
+            + (
+                _unfinished(path)
+                or f"is not a video that FFmpeg can read: {error.strerror or error}"
+            )
         ) from error
+
+
+def _unfinished(path: Path) -> str:
+    """What is wrong with a file that is empty, or an MP4 or MOV without its index, which cameras
+    write last; empty where it is something else.
+    """
+    boxes, place = set[bytes](), 0
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            while place < size and len(boxes) < MOST_BOXES:
+                file.seek(place)
+                length, name, long = struct.unpack(">I4sQ", file.read(16).ljust(16, b"\0"))
+                boxes.add(name)
+                place += max((long if length == 1 else length) or size, 8)
+    except OSError:
+        return ""
+    if not size:
+        return "is empty: copy it again from the camera"
+    if b"ftyp" in boxes and b"moov" not in boxes:
+        return (
+            "has no index (moov): the recording was not finished, or the copy is not complete: "
+            "copy it again, or repair it with the camera or untrunc"
+        )
+    return ""
 
 
 def video_stream(container: Any, path: Path) -> Any:

@@ -4,6 +4,7 @@ not fitted.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +110,17 @@ def _doubt(here: Array, there: Array, markers: Sequence[PlacedMarker], stds_m: A
             return (
                 f"marker {markers[i].number} lies {left[i]:.3f} m from its position according to "
                 "the others: is its given position correct?"
+            )
+    for i, k in combinations(np.flatnonzero(off > BEYOND_SIGMAS * stds_m).tolist(), 2):
+        exchanged = there.copy()
+        exchanged[[i, k]] = there[[k, i]]
+        left = np.linalg.norm(
+            transform_points(rigid_alignment(here, exchanged), here) - exchanged, axis=1
+        )
+        if (left < BEYOND_SIGMAS * stds_m).all():
+            return (
+                f"markers {markers[i].number} and {markers[k].number} fit if their positions are "
+                "exchanged: are their numbers?"
             )
     worst = int(np.argmax(off / stds_m))
     beyond = f"{off[worst]:.3f} m off, {off[worst] / stds_m[worst]:.0f} standard errors"

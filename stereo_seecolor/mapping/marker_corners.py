@@ -1,7 +1,8 @@
 """Corners of a marker to a fiftieth of a pixel, as intersections of lines fitted to its four sides.
 
 A corner that is looked for at the corner itself lies inside by a tenth of a pixel, since blur
-rounds corners; it does not move the middle of a side.
+rounds corners; it does not move the middle of a side. Blur acts on light: in values encoded as sRGB
+a white margin grows over the black by a fourth to half a pixel.
 """
 
 from dataclasses import dataclass
@@ -23,18 +24,23 @@ class EdgeSettings:
     # at most this fraction of it: the first squares of the code are an eighth away
     reach_side: float = 0.07
     step_px: float = 0.25
+    rounds: int = 2  # the first begins where the search around a side is off its middle
 
 
 SETTINGS = EdgeSettings()
 
 
-def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
-    """Refine rough corners (4, 2) of a dark square; unchanged where a side cannot be seen."""
-    sides = [_side(gray, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
-    if any(side is None for side in sides):
-        return corners_px
-    met = intersections(np.array(sides))
-    return np.asarray(met[:, :2] / met[:, 2:])
+def refined(light: NDArray[np.float32], corners_px: Array) -> Array:
+    """Refine rough corners (4, 2) of a dark square in linear light (H, W); unchanged where a side
+    cannot be seen.
+    """
+    for _ in range(SETTINGS.rounds):
+        sides = [_side(light, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
+        if any(side is None for side in sides):
+            break
+        met = intersections(np.array(sides))
+        corners_px = np.asarray(met[:, :2] / met[:, 2:])
+    return corners_px
 
 
 def intersections(lines: Array) -> Array:
@@ -48,7 +54,7 @@ def line_through(points: NDArray[np.float32]) -> Array:
     return np.array([-vy, vx, vy * x - vx * y])
 
 
-def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
+def _side(light: NDArray[np.float32], start: Array, end: Array) -> Array | None:
     """(3,) the line a x + b y + c = 0 along a side, through each profile's steepest place."""
     along = end - start
     length = float(np.linalg.norm(along))
@@ -59,7 +65,7 @@ def _side(gray: NDArray[np.uint8], start: Array, end: Array) -> Array | None:
         return None
     feet = start + np.linspace(*SETTINGS.kept, SETTINGS.samples)[:, None] * along
     places = (feet[:, None] + offsets[:, None] * across).astype(np.float32)
-    profiles = cv2.remap(gray, places[..., 0], places[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    profiles = cv2.remap(light, places[..., 0], places[..., 1], cv2.INTER_LINEAR).astype(np.float64)
     steepness = np.abs(np.diff(profiles, axis=1)) ** 2
     total = steepness.sum(axis=1)
     if not (total > 0).all():

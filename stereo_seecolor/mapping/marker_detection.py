@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.mapping.marker_corners import refined
 
 FAMILIES = {
@@ -49,7 +50,10 @@ class MarkerDetector:
         corners, numbers, _ = self._detector.detectMarkers(gray)
         if numbers is None:
             return []
+        light = decode_srgb(color.astype(np.float32) / 255).mean(axis=2)
         return [
-            MarkerObservation(int(number), refined(gray, np.asarray(own, np.float64).reshape(4, 2)))
+            MarkerObservation(
+                int(number), refined(light, np.asarray(own, np.float64).reshape(4, 2))
+            )
             for number, own in zip(np.ravel(numbers), corners, strict=True)
         ]

@@ -85,6 +85,8 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
                 "length_m, length_cm or length_mm"
             )
         first, second = (_marker(where, end) for end in ends)
+        if first == second:
+            raise InputError(f"{where}: a bar from marker {first} to itself: name two markers")
         known_m = bars.get((first, second), bars.get((second, first), length_m))
         if known_m != length_m:
             raise InputError(
@@ -115,6 +117,11 @@ def read_places(path: Path, origin: GeoOrigin | None = None) -> Places:
     }
     z = values["z"] if "z" in values else -np.abs(values["depth"])
     if "lat" in values:
+        if (np.abs(values["lat"]) > 90).any():
+            raise InputError(
+                f"{path}: a latitude of {values['lat'][np.abs(values['lat']).argmax()]:g} degrees: "
+                "are lat and lon exchanged?"
+            )
         origin = origin or GeoOrigin(float(values["lat"][0]), float(values["lon"][0]))
         north_east = north_east_from_degrees(values["lat"], values["lon"], origin)
         points = np.column_stack([north_east[:, ::-1], z])

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from statistics import median_low
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,23 +61,32 @@ class PlacedMarker:
 class ScaleCheck:
     """Lengths measured over lengths given: 1 where the rig's scale is right, with its standard
     error. wrong: it cannot be. cells: across a marker with its border, where its size was given.
+    odd: numbers of markers of another size than most, left out.
     """
 
     ratio: float
     std: float
     lengths: int
     cells: int = 0
+    odd: tuple[int, ...] = ()
 
     @property
     def wrong(self) -> bool:
-        """Tell whether the scale is further off than any rig's can be."""
+        """Tell whether the scale is further off than any rig's can be, or sizes differ."""
         off = abs(self.ratio - 1)
-        return off > MARKER_SETTINGS.wrong_size and off > MARKER_SETTINGS.wrong_sigmas * self.std
+        return bool(self.odd) or (
+            off > MARKER_SETTINGS.wrong_size and off > MARKER_SETTINGS.wrong_sigmas * self.std
+        )
 
     def cause(self, others: Iterable["ScaleCheck"]) -> str:
         """What of all usual mistakes explains a wrong length. others: the checks of all known
         lengths: where these differ, the scale of the rig is not the cause.
         """
+        if self.odd:
+            return (
+                f"of another size than most: {', '.join(map(str, self.odd))}, left out here: give "
+                "the distances between markers as bars instead"
+            )
         mistakes = dict(UNITS)
         if self.cells:
             mistakes |= {
@@ -159,12 +169,26 @@ def size_check(markers: Sequence[PlacedMarker], edge_m: float, cells: int) -> Sc
     """
     if not markers:
         return None
-    weights = np.array([marker.views for marker in markers], np.float64)
-    ratios = np.array([marker.edge_m for marker in markers]) / edge_m
-    stds = np.array([marker.edge_std_m for marker in markers]) / edge_m
+    odd = _odd_sizes(markers)
+    alike = [marker for marker in markers if marker.number not in odd]
+    weights = np.array([marker.views for marker in alike], np.float64)
+    ratios = np.array([marker.edge_m for marker in alike]) / edge_m
+    stds = np.array([marker.edge_std_m for marker in alike]) / edge_m
     share = weights / weights.sum()
     std = float(np.sqrt((share**2) @ (stds**2)))
-    return ScaleCheck(float(share @ ratios), std, len(markers), cells)
+    return ScaleCheck(float(share @ ratios), std, len(alike), cells, odd)
+
+
+def _odd_sizes(markers: Sequence[PlacedMarker]) -> tuple[int, ...]:
+    """Numbers of markers whose edges differ from the median one by more than their errors."""
+    median_m = median_low(marker.edge_m for marker in markers)
+    least_m = MARKER_SETTINGS.wrong_size * median_m
+    return tuple(
+        marker.number
+        for marker in markers
+        if abs(marker.edge_m - median_m)
+        > MARKER_SETTINGS.wrong_sigmas * marker.edge_std_m + least_m
+    )
 
 
 def bar_checks(

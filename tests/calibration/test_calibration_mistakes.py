@@ -212,7 +212,7 @@ def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyP
         ((2560, 960), "both sides lay side by side in it: give it as --left and as --right"),
         ((1280, 1920), "one above the other: give it as --left and as --right"),
         ((640, 1920), "one above the other: give it as --left and as --right"),
-        ((640, 960), "squeezed to half its width: stretch both sides"),
+        ((640, 960), "as if each side were squeezed: stretch both sides"),
         ((1280, 720), "a crop or another camera"),
     ],
 )

@@ -15,6 +15,7 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.pairs import Videos
@@ -300,3 +301,12 @@ def test_a_run_takes_videos(make_dive, tmp_path: Path) -> None:
     elsewhere = [sys.executable, "-c", script, given[0] / "000002.tif"]
     printed = subprocess.run(elsewhere, capture_output=True, text=True, check=True).stdout
     assert printed.strip() == str(cv2.imread(str(dive.root / "L/0000.png")).shape)
+
+
+def test_a_video_on_one_side_alone_is_named(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "l.MTS", smooth_frames(2), "libx264", "yuv420p")
+    assert is_video(video)
+    (tmp_path / "right").mkdir()
+    for other in (tmp_path / "right", tmp_path / "r.dav"):
+        with pytest.raises(InputError, match=r"l\.MTS is a video, and .* is none that is read"):
+            StereoInputs(video, other, "cam.yaml")

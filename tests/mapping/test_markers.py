@@ -1,6 +1,7 @@
 """Markers on the bottom: the scale of a rig, and the place of a map, by what is known of them."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +19,13 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.reef.markers import Known, markers
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.control_points import control_fit
+from stereo_seecolor.mapping.marker_detection import MarkerDetector
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
-from stereo_seecolor.mapping.placed_markers import PlacedMarker, ScaleCheck, doubled
+from stereo_seecolor.mapping.placed_markers import PlacedMarker, ScaleCheck, doubled, size_check
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 RIG = RectifiedPair(531.0, 320.0, 318.0, 256.0, 0.12, (640, 512))
@@ -73,12 +76,14 @@ def frame(index: int, T: NDArray[np.float64], texture: NDArray[np.uint8]) -> Sur
     range_m = (-T[2, 3] / rays[..., 2]).astype(np.float32)
     ground = rays * range_m[..., None] + T[:3, 3]
     column, row = ((ground[..., 0] + 1) / TEXEL_M - 0.5, (2 - ground[..., 1]) / TEXEL_M - 0.5)
-    gray = cv2.remap(
-        cv2.GaussianBlur(texture, (0, 0), 1.2),
+    light = decode_srgb(texture.astype(np.float32) / 255)
+    seen_light = cv2.remap(
+        cv2.GaussianBlur(light, (0, 0), 1.2),
         column.astype(np.float32),
         row.astype(np.float32),
         cv2.INTER_LINEAR,
     )
+    gray = 255 * encode_srgb(seen_light)
     noise = cv2.GaussianBlur(rng.standard_normal(gray.shape).astype(np.float32), (0, 0), 2)
     depth_m = RIG.depth_from_range(range_m)
     std = depth_m * range_m / (RIG.focal_px * RIG.baseline_m) * np.float32(0.1)
@@ -166,6 +171,7 @@ def test_a_wrong_size_is_noticed_and_bars_and_surveyed_places_are_used(
         ("marker,x_m,y_m\n1,2,3\n", "has no column 'z_m'"),
         ("marker,x_m,y_m,z_m\n1,2,here,4\n", "line 2: 'here' is not a number"),
         ("marker,x_m,y_m,z_m\n1,2,3,4\n1,5,3,4\n", "line 2: marker 1 has two positions"),
+        ("marker,lat,lon,depth_m\n1,146,-17,4\n", "a latitude of 146 degrees: are lat and lon"),
     ],
 )
 def test_tables_that_cannot_be_used_say_so(tmp_path: Path, content: str, message: str) -> None:
@@ -203,6 +209,29 @@ def test_only_what_no_rig_could_be_is_called_wrong() -> None:
     assert not ScaleCheck(1.01, 0.001, 3).wrong  # a rig that drifted
     assert not ScaleCheck(1.05, 0.02, 3).wrong  # not sure enough
     assert not replace(ScaleCheck(0.75, 0.002, 3), ratio=1.0).wrong
+
+
+def test_an_edge_is_more_than_nothing(tmp_path: Path) -> None:
+    for edge_m in (0.0, -0.2, math.nan):
+        with pytest.raises(InputError, match=r"--size .*: give the edge of the black square"):
+            markers(tmp_path, Known(edge_m))
+
+
+def test_a_bar_has_two_ends(tmp_path: Path) -> None:
+    (tmp_path / "bars.csv").write_text("first,second,length_m\n1,2,0.5\n3,3,0.6\n")
+    with pytest.raises(InputError, match=r"line 3: a bar from marker 3 to itself"):
+        markers(tmp_path, Known(bars=tmp_path / "bars.csv"))
+
+
+def test_markers_of_another_size_are_named_and_left_out() -> None:
+    edges = {1: 0.2005, 2: 0.1502, 3: 0.1995, 4: 0.202}
+    found = [PlacedMarker(n, 3, n, 0, 0, 0.001, edge, 0.0005) for n, edge in edges.items()]
+    check = size_check(found, 0.2, 8)
+    assert check
+    assert (check.odd, check.lengths, check.wrong) == ((2,), 3, True)
+    assert check.ratio == pytest.approx(1.003, abs=1e-3)
+    assert "of another size than most: 2, left out" in check.cause([check])
+    assert not size_check([found[0], found[2]], 0.2, 8).wrong
 
 
 def test_a_bar_of_two_lengths_is_refused(tmp_path: Path) -> None:
@@ -243,3 +272,33 @@ def test_surveyed_positions_in_another_unit_are_named() -> None:
     found = [PlacedMarker(number, 3, *place, 0.001, 0.2, 0.001) for number, place in places.items()]
     feet = {number: np.array(place) / 0.3048 for number, place in places.items()}
     assert control_fit(found, feet).doubt.endswith("as if given in feet")
+
+
+def test_surveyed_positions_of_two_markers_exchanged_are_named() -> None:
+    places = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.1, 0.0), 3: (0.2, 0.8, 0.1), 4: (0.9, 0.9, 0.0)}
+    found = [PlacedMarker(number, 3, *place, 0.001, 0.2, 0.001) for number, place in places.items()]
+    points = {number: np.array(place) for number, place in places.items()}
+    points[2], points[3] = points[3], points[2]
+    assert control_fit(found, points).doubt.startswith("markers 2 and 3 fit if their positions are")
+
+
+@pytest.mark.parametrize("side_px", [28, 40, 70])
+def test_a_side_is_measured_where_light_has_its_middle(side_px: int) -> None:
+    """A tag drawn in linear light at 16 times the resolution, blurred, then encoded."""
+    texture = cv2.aruco.generateImageMarker(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 5, 80
+    )
+    light = np.pad(texture, 10, constant_values=255).astype(np.float32) / 255
+    fine, size = 16, 96
+    middle = np.array([47.7, 48.2])
+    at = (np.mgrid[: size * fine, : size * fine][::-1] + 0.5) / fine - 0.5 - middle[:, None, None]
+    turned = np.tensordot(rotation_from_vector(np.array([0, 0, 0.3]))[:2, :2], at, axes=1)
+    u, v = (turned * 80 / side_px + 49.5).astype(np.float32)
+    drawn = 0.02 + 0.5 * cv2.remap(light, u, v, cv2.INTER_NEAREST, borderValue=0.5)
+    seen = cv2.GaussianBlur(drawn, (0, 0), 0.7 * fine)
+    seen = seen.reshape(size, fine, size, fine).mean(axis=(1, 3))
+    gray = np.rint(255 * encode_srgb(seen)).astype(np.uint8)
+    (found,) = MarkerDetector("36h11").find(np.repeat(gray[..., None], 3, axis=2))
+    sides = np.linalg.norm(np.roll(found.corners_px, 1, axis=0) - found.corners_px, axis=1)
+    assert sides.mean() == pytest.approx(side_px, abs=0.05)
+    assert found.corners_px.mean(axis=0) == pytest.approx(middle, abs=0.05)

@@ -243,7 +243,7 @@ SHAPES: dict[str, Shape] = {
         "markers": [
             {**keys(int, "number views"), **keys(float, "x_m y_m z_m residual_m edge_m edge_std_m")}
         ],
-        "size": {"ratio": float, "std": float, "lengths": int, "cells": int},
+        "size": {"ratio": float, "std": float, "lengths": int, "cells": int, "odd": [int]},
         "control": {"T": [[float]], "residuals_m": dict, "rms_m": float, "doubt": str},
     },
     "export": {**keys(str, "out format folder note"), **keys(int, "frames files bytes")},

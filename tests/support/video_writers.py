@@ -50,14 +50,16 @@ def write_pair(
     blurred: tuple[int, ...] = (),
     time_codes: tuple[str, str] = ("", ""),
     suffix: str = ".mp4",
+    lost: int = 0,
 ) -> tuple[Path, Path]:
     """An event at t on the left clock is at t + offset_s + drift t on the right one. blurred:
-    numbers of frames.
+    numbers of frames. lost: frames that the right file lacks in its middle.
     """
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for code, side, clock, sound_s in zip(
+    for code, lacking, side, clock, sound_s in zip(
         time_codes,
+        (0, lost),
         ("left", "right"),
         ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)),
         (0.0, offset_s if sound_offset_s is None else sound_offset_s),
@@ -75,18 +77,22 @@ def write_pair(
                 blurred,
                 code,
                 suffix,
+                lacking,
             )
         )
     return files[0], files[1]
 
 
 @cache
-def _encoded(clock, seconds, speed, sound_s, flash_s, rate_hz, blurred, time_code, suffix) -> bytes:
+def _encoded(
+    clock, seconds, speed, sound_s, flash_s, rate_hz, blurred, time_code, suffix, lost
+) -> bytes:
     """A video; the left ones of many pairs are the same. clock: offset, drift, and how many pixels
     to the side the camera is.
     """
     own_s = np.arange(round(seconds * rate_hz)) / rate_hz
     true_s = (own_s - clock[0]) / (1 + clock[1])
+    true_s[len(true_s) // 2 :] += lost / rate_hz
     noise = None if sound_s is None else hum(own_s[-1], sound_s, clock[1])
     place = speed * swell(true_s) + np.array([clock[2], 0.0])
     with TemporaryDirectory() as folder:

@@ -89,6 +89,8 @@ def markers(
     if folder:
         refuse_filled(folder)
         refuse_own_place(folder)
+    if known.edge_m is not None and not known.edge_m > 0:
+        raise InputError(f"--size {known.edge_m:g}: give the edge of the black square in meters")
     detector = MarkerDetector(known.family)
     bars = read_bars(known.bars) if known.bars else {}
     if known.points:

@@ -157,11 +157,25 @@ def test_other_dives_are_refused(tmp_path: Path) -> None:
 def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"no video")
     (tmp_path / "empty.mp4").write_bytes(b"")
-    for name in ("a.mp4", "empty.mp4", "missing.mp4"):
-        with pytest.raises(
-            InputError, match=rf"^[^\n]*{name}: is not a video that FFmpeg can read[^\n]*$"
-        ):
+    left, _ = write_pair(tmp_path, 0.0, seconds=2)
+    content = left.read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(content[: content.index(b"moov") - 4])
+    unread = "is not a video that FFmpeg can read"
+    for name, said in {
+        "a.mp4": unread,
+        "missing.mp4": unread,
+        "empty.mp4": "is empty",
+        "cut.mp4": r"has no index \(moov\): the recording was not finished",
+    }.items():
+        with pytest.raises(InputError, match=rf"^[^\n]*{name}: {said}[^\n]*$"):
             sync(tmp_path / name, tmp_path / name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", [1, 8])
+def test_frames_that_one_file_lacks_are_named(tmp_path: Path, lost: int) -> None:
+    with pytest.raises(InputError, match=r"in the first half and -0\.\d+ s in the second: one of"):
+        sync(*write_pair(tmp_path, 0.0, seconds=12, lost=lost))
 
 
 @pytest.mark.slow

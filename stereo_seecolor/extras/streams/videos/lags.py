@@ -22,6 +22,8 @@ class LagLimits:
     correlation: float = 0.6
     # the best lag's correlation less that of any other peak: a swell of one period repeats itself
     lead: float = 0.15
+    # so near the top of a peak noise makes no other one: slow motion has peaks seconds wide
+    peak_s: float = 0.1
     # clocks of two cameras differ by some 10 ppm (quartz: at most 50); a drift known worse than
     # this is not used
     drift: float = 50e-6
@@ -178,8 +180,9 @@ def _correlations(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def _runner_up(correlation: Array, best: int) -> float:
-    """The highest correlation beyond the foot of the best peak."""
-    left = right = best
+    """The highest correlation beyond the foot of the best peak, whose top may be uneven."""
+    near = round(LIMITS.peak_s / LIMITS.step_s)
+    left, right = max(best - near, 0), min(best + near, len(correlation) - 1)
     while left > 0 and correlation[left - 1] < correlation[left] + 1e-9:
         left -= 1
     while right < len(correlation) - 1 and correlation[right + 1] < correlation[right] + 1e-9:

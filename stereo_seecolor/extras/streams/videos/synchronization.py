@@ -11,6 +11,7 @@ import numpy as np
 from calibration import StereoRig
 from calibration.robust_statistics import deviation
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.videos.lags import LIMITS as LAG
 from stereo_seecolor.extras.streams.videos.lags import Array, Lag, coarse_lag, fine_lag
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.row_lag import Pairs, row_lag
@@ -104,6 +105,7 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     picture moves too fast for the time that frames are apart; DeviceError.
     """
     signals = video_signals(left), video_signals(right)
+    _refuse_lost_frames(left, right, signals)
     evidence = tuple(
         Evidence(kind, lag)
         for kind, lag in (
@@ -189,6 +191,37 @@ def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
     times, motions = (left.motion_times_s, right.motion_times_s), (left.motion, right.motion)
     coarse = coarse_lag(times, motions)
     return fine_lag(times, motions, coarse) if coarse else None
+
+
+def _refuse_lost_frames(
+    left: Path, right: Path, signals: tuple[VideoSignals, VideoSignals]
+) -> None:
+    """Raise InputError where the motion of both halves of a video gives lags that no drift of
+    clocks explains.
+    """
+    first, second = signals
+    if min(_usual(first), _usual(second)) < LIMITS.still:
+        return
+    middle = len(first.motion) // 2
+    times, motion = (first.motion_times_s, second.motion_times_s), (first.motion, second.motion)
+    found = []
+    for half in (slice(None, middle), slice(middle, None)):
+        part = (times[0][half], times[1]), (motion[0][half], motion[1])
+        coarse = coarse_lag(*part) if middle else None
+        lag = fine_lag(*part, coarse) if coarse else None
+        if lag is None:
+            return
+        found.append(lag)
+    apart_s = abs(found[1].offset_s - found[0].offset_s)
+    usual_s = 2 * LAG.drift * abs(found[1].center_s - found[0].center_s)
+    usual_s += LIMITS.sigmas * float(np.hypot(found[0].std_s, found[1].std_s))
+    if apart_s > max(first.frame_s, second.frame_s) / 2 + usual_s:
+        raise InputError(
+            f"{left} and {right}: the right clock is {found[0].offset_s:+.3f} s relative to the "
+            f"left one in the first half and {found[1].offset_s:+.3f} s in the second: one of the "
+            "files lacks frames (lost while recording, or cut out): convert it with the times of "
+            "its frames, or run the parts separately"
+        )
 
 
 def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
