@@ -108,7 +108,10 @@ def imported_at_once(path: Path) -> set[str]:
 @pytest.mark.slow
 def test_run_starts_without_libraries_that_take_long_to_import() -> None:
     waiting, seen, slow = (
-        [f"stereo_seecolor.{name}" for name in ("cli.app", "commands.run", "commands.view")],
+        [
+            f"stereo_seecolor.{name}"
+            for name in ("cli.app", "commands.run", "commands.view", "report.page")
+        ],
         set(),
         set(),
     )

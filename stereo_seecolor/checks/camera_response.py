@@ -1,18 +1,14 @@
 """The response of a dive's cameras, measured before the pairs are read."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from stereo_seecolor.checks.sample import evenly_spaced
+from stereo_seecolor.checks.sample import evenly_spaced, of_each
 from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
-from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import InputConfig, RunConfig
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.stated_encoding import stated_encoding
 from stereo_seecolor.records import Image
@@ -91,9 +87,4 @@ def _measured(files: Sequence[Path], images: Sequence[Image]) -> MeasuredRespons
 
 
 def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
-    def read(path: Path) -> Image | None:
-        with suppress(InputError):  # the run names it
-            return read_image(path, config)
-        return None
-
-    return [image for image in Threads(cores()).each(read, files) if image is not None]
+    return [image for _, image in of_each(files, config, lambda image: image)]

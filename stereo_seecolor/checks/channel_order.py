@@ -12,11 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
-from stereo_seecolor.checks.sample import DiveImages, edge, ends_of_part, evenly_spaced
+from stereo_seecolor.checks.sample import (
+    COLORS_OF,
+    SIDES_OF,
+    DiveImages,
+    edge,
+    ends_of_part,
+    evenly_spaced,
+)
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
-from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 
 
@@ -24,9 +29,7 @@ from stereo_seecolor.inputs.pairing import Pair
 class OrderSettings:
     """Constants of the check.
 
-    looked_at: pairs over the dive that are compared, each with the next; of_sides: in which the
-    sides are compared.
-    quantiles: of each channel of an image; step_px: between the pixels that are counted.
+    quantiles: of each channel of an image.
     dark: fraction of full scale that is added, since the noise of dark pixels is not color.
     apart, times: by how much the logarithms of two images' red and blue over green must differ at
     least, and how many times as much as with red and blue exchanged. Of neighbors and of every
@@ -34,10 +37,7 @@ class OrderSettings:
     exchanged; nearly gray images at most 1.1 times.
     """
 
-    looked_at: int = 5
-    of_sides: int = 3
     quantiles: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)
-    step_px: int = 4
     dark: float = 0.015
     apart: float = 0.05
     times: float = 2.0
@@ -55,15 +55,15 @@ def channel_order(images: DiveImages) -> DiveVerdict:
     Of a single image other causes are as likely (another camera, light or scene), so that its
     colors alone are named.
     """
-    pairs, config = images.pairs, images.config.input
-    looked_at = evenly_spaced(range(len(pairs)), SETTINGS.looked_at)
+    pairs = images.pairs
+    looked_at = evenly_spaced(range(len(pairs)), COLORS_OF)
     with suppress(InputError):
-        before = _colors(pairs[0].left, config) if pairs else None
+        before = _colors(images, pairs[0].left) if pairs else None
         for first, last in pairwise(looked_at):
-            after = _colors(pairs[last].left, config)
+            after = _colors(images, pairs[last].left)
             if before is not None and _are_exchanged(before, after):
-                place = edge(first, last, _differs_from(first, pairs, config))
-                end = _last_exchanged(pairs, place, last, looked_at, config)
+                place = edge(first, last, _differs_from(first, images))
+                end = _last_exchanged(images, place, last, looked_at)
                 note = f"input: {_exchanged_text(pairs, place, end)}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
@@ -74,16 +74,15 @@ def order_of_sides(images: DiveImages) -> DiveVerdict:
     """Left images whose red and blue are exchanged against the right ones: both show the same, so
     that one pair tells. Of a part of the dive the first and the last pair.
     """
-    config, pairs = images.config.input, images.pairs
+    pairs = images.pairs
 
     def exchanged(place: int) -> bool:
         with suppress(InputError):
-            return _are_exchanged(
-                _colors(pairs[place].left, config), _colors(pairs[place].right, config)
-            )
+            sides = (pairs[place].left, pairs[place].right)
+            return _are_exchanged(*(_colors(images, side) for side in sides))
         return False
 
-    looked_at = evenly_spaced(range(len(pairs)), SETTINGS.of_sides)
+    looked_at = evenly_spaced(range(len(pairs)), SIDES_OF)
     found = [place for place in looked_at if exchanged(place)]
     if not found:
         return NOTHING_FOUND
@@ -120,29 +119,27 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     )
 
 
-def _last_exchanged(
-    pairs: Sequence[Pair], place: int, seen: int, looked_at: Sequence[int], config: InputConfig
-) -> int:
+def _last_exchanged(images: DiveImages, place: int, seen: int, looked_at: Sequence[int]) -> int:
     """The last image in a row that is exchanged as the one at ``place`` is. seen: one that is known
     to be; looked_at: the places that are compared with it.
     """
-    end = len(pairs)
-    for later in (one for one in (*looked_at, len(pairs) - 1) if one > seen):
-        if _are_exchanged(_colors(pairs[seen].left, config), _colors(pairs[later].left, config)):
+    end = len(images.pairs)
+    for later in (one for one in (*looked_at, end - 1) if one > seen):
+        if _differs_from(seen, images)(later):
             end = later
             break
         seen = later
-    return edge(seen, end, _differs_from(seen, pairs, config)) - 1
+    return edge(seen, end, _differs_from(seen, images)) - 1
 
 
-def _differs_from(place: int, pairs: Sequence[Pair], config: InputConfig) -> Callable[[int], bool]:
+def _differs_from(place: int, images: DiveImages) -> Callable[[int], bool]:
     """Whether the image at another place is exchanged against the one here."""
-    here = _colors(pairs[place].left, config)
-    return lambda other: _are_exchanged(here, _colors(pairs[other].left, config))
+    here = _colors(images, images.pairs[place].left)
+    return lambda other: _are_exchanged(here, _colors(images, images.pairs[other].left))
 
 
-def _colors(path: Path, config: InputConfig) -> Colors:
-    image = read_image(path, config)[:: SETTINGS.step_px, :: SETTINGS.step_px]
+def _colors(images: DiveImages, path: Path) -> Colors:
+    image = images.thinned(path)
     values = np.quantile(image.reshape(-1, 3), SETTINGS.quantiles, axis=0).T
     return np.log(values / np.iinfo(image.dtype).max + SETTINGS.dark)
 

@@ -1,9 +1,10 @@
 """The sample that checks use: the images of a dive, and pairs spread over it."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import islice
+from dataclasses import dataclass, field
+from itertools import chain, islice
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
 
 Item = TypeVar("Item")
+Found = TypeVar("Found")
 
 DECIDING_PAIRS = 3
 """Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
@@ -25,17 +27,55 @@ COUPLES = 5
 """Pairs whose motion to a following one tests a calibration: each gives some hundred points."""
 FOLLOWING = (0, 1, 2, 4, 8, 16, 32)
 """How many pairs later: frames of a video move little from one to the next."""
+COLORS_OF, SIDES_OF = 5, 3
+"""Left images, spread over the dive, whose colors are compared, and pairs whose sides are: the left
+images of these are among the former.
+"""
+THINNED_PX = 4
+"""Between the pixels of an image that show its colors."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiveImages:
     """The image files of a dive.
 
-    pairs: in order. config: settings, with the images as they are stored.
+    pairs: in order. config: settings, with the images as they are stored. known: ``thinned`` images
+    that were read before.
     """
 
     pairs: Sequence[Pair]
     config: RunConfig
+    known: Mapping[Path, Image] = field(default_factory=dict)
+
+    @classmethod
+    def with_colors(cls, pairs: Sequence[Pair], config: RunConfig) -> "DiveImages":
+        """The images of pairs, with those whose colors several checks ask for, each read once."""
+        lefts = [pair.left for pair in evenly_spaced(pairs, COLORS_OF)]
+        rights = [pair.right for pair in evenly_spaced(pairs, SIDES_OF)]
+        return cls(pairs, config, dict(of_each([*lefts, *rights], config.input, _thinned)))
+
+    def thinned(self, path: Path) -> Image:
+        """(h, w, 3) every fourth pixel of every fourth row of a file. Raises InputError."""
+        found = self.known.get(path)
+        return _thinned(read_image(path, self.config.input)) if found is None else found
+
+
+def _thinned(image: Image) -> Image:
+    some: Image = image[::THINNED_PX, ::THINNED_PX].copy()
+    return some
+
+
+def of_each(
+    files: Iterable[Path], images: InputConfig, find: Callable[[Image], Found]
+) -> list[tuple[Path, Found]]:
+    """What is found in each image that can be read, on all cores."""
+
+    def found(file: Path) -> list[tuple[Path, Found]]:
+        with suppress(InputError):  # the run names it
+            return [(file, find(read_image(file, images)))]
+        return []
+
+    return list(chain.from_iterable(Threads(cores()).each(found, files)))
 
 
 def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:

@@ -7,16 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.checks.channel_order import SETTINGS
-from stereo_seecolor.checks.sample import DiveImages, ends_of_part, evenly_spaced
+from stereo_seecolor.checks.sample import SIDES_OF, DiveImages, ends_of_part, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
-from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image
 
-LOOKED_AT = 3
-"""Pairs over the dive that are looked at for both."""
 GRAY = 0.01
 """Of full scale: median difference of the channels of a side without color. JPEGs of gray images
 have less, the dullest underwater frames (a real survey at 2 m in turbid water) 0.03."""
@@ -42,18 +38,18 @@ def gray_side(images: DiveImages) -> DiveVerdict:
     """Left images without color, whose corrected images have none; wrong beside right ones, or
     others of the left side, with it.
     """
-    config, pairs = images.config.input, images.pairs
+    pairs = images.pairs
     looked_at: list[int] = []
     of_left, of_right, tinted = [], [], []
-    for place in evenly_spaced(range(len(pairs)), LOOKED_AT):
+    for place in evenly_spaced(range(len(pairs)), SIDES_OF):
         with suppress(InputError):
-            pixels = _some_pixels(pairs[place].left, config)
+            pixels = _some_pixels(images, pairs[place].left)
             darkest, brightest = np.median([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
             if brightest < DARK or darkest > CLIPPED:
                 continue
             left = _differ(pixels)
-            right = left or _has_color(pairs[place].right, config)
-            tinted.append(left and _is_tinted_gray(pixels, pairs[place].right, config))
+            right = left or _has_color(images, pairs[place].right)
+            tinted.append(left and _is_tinted_gray(pixels, images, pairs[place].right))
             of_left.append(left)
             of_right.append(right)
             looked_at.append(place)
@@ -79,10 +75,10 @@ def _gray_part(images: DiveImages, looked_at: Sequence[int], of_left: Sequence[b
     """The first and the last of the left images without color, of those that were looked at and
     their neighbors.
     """
-    pairs, config = images.pairs, images.config.input
+    pairs = images.pairs
     grays = [place for place, colored in zip(looked_at, of_left, strict=True) if not colored]
     first, last = ends_of_part(
-        looked_at, grays, lambda place: not _has_color(pairs[place].left, config)
+        looked_at, grays, lambda place: not _has_color(images, pairs[place].left)
     )
     return (
         f"the left images have no color from {pairs[first].left.name} to {pairs[last].left.name}, "
@@ -92,19 +88,19 @@ def _gray_part(images: DiveImages, looked_at: Sequence[int], of_left: Sequence[b
     )
 
 
-def _has_color(path: Path, config: InputConfig) -> bool:
-    return _differ(_some_pixels(path, config))
+def _has_color(images: DiveImages, path: Path) -> bool:
+    return _differ(_some_pixels(images, path))
 
 
 def _differ(pixels: NDArray[np.float64]) -> bool:
     return bool(np.median(np.ptp(pixels, axis=1)) > GRAY)
 
 
-def _is_tinted_gray(left: NDArray[np.float64], right: Path, config: InputConfig) -> bool:
+def _is_tinted_gray(left: NDArray[np.float64], images: DiveImages, right: Path) -> bool:
     """Tell whether the channels of the left image (n, 3) differ by a factor alone, and not those of
     the right one.
     """
-    return _apart(left) <= TINTED and _apart(_some_pixels(right, config)) >= 2 * TINTED
+    return _apart(left) <= TINTED and _apart(_some_pixels(images, right)) >= 2 * TINTED
 
 
 def _apart(pixels: NDArray[np.float64]) -> float:
@@ -113,11 +109,10 @@ def _apart(pixels: NDArray[np.float64]) -> float:
     return float(np.median(np.ptp(pixels * means.mean() / means, axis=1)))
 
 
-def _some_pixels(path: Path, config: InputConfig) -> NDArray[np.float64]:
+def _some_pixels(images: DiveImages, path: Path) -> NDArray[np.float64]:
     """(n, 3) of full scale."""
-    image = read_image(path, config)
-    some = image[:: SETTINGS.step_px, :: SETTINGS.step_px].reshape(-1, 3)
-    return some / np.iinfo(image.dtype).max
+    image = images.thinned(path)
+    return image.reshape(-1, 3) / np.iinfo(image.dtype).max
 
 
 def shifted_mosaic(images: DiveImages) -> DiveVerdict:
@@ -126,7 +121,7 @@ def shifted_mosaic(images: DiveImages) -> DiveVerdict:
     """
     for side in ("left", "right"):
         with suppress(InputError):
-            looked_at = evenly_spaced(images.pairs, LOOKED_AT)
+            looked_at = evenly_spaced(images.pairs, SIDES_OF)
             if looked_at and all(
                 _is_off_by_one(read_image(getattr(pair, side), images.config.input))
                 for pair in looked_at

@@ -113,7 +113,7 @@ def check(
     pairs = pairs_of(left, right, images).pairs
     sample = evenly_spaced(pairs, most_pairs)
     images = as_stored(images, stored_facts(images, sample))
-    of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairs, RunConfig(input=images)))
+    of_images = verdict_of(IMAGE_CHECKS, DiveImages.with_colors(pairs, RunConfig(input=images)))
     loaded = load_unsettled(calib, pairs, images)
     seen = matches_of(Rectification.from_rig(loaded), sample, images)
     if not seen.matches:

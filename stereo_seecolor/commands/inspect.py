@@ -138,16 +138,19 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
     config, response = settle_response(config, pairing.pairs)
-    of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairing.pairs, config))
-    sample, unlike = alike(evenly_spaced(pairing.pairs, SAMPLE_PAIRS), config)
-    left, right = image_facts(sample[0].left), image_facts(sample[0].right)
-    capture = FrameReader(config.input).capture(sample[0].left)
+    of_images = verdict_of(IMAGE_CHECKS, DiveImages.with_colors(pairing.pairs, config))
+    sample, reader = evenly_spaced(pairing.pairs, SAMPLE_PAIRS), FrameReader(config.input)
+    frames, unlike = alike(sample, reader)
+    first = next(iter(frames), sample[0])
+    left, right = image_facts(first.left), image_facts(first.right)
+    capture = reader.capture(first.left)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
     tested = NOTHING_TESTED
     if found:
         _refuse_wrong_sizes(found[0], left, right)
-        tested = tested_calibration(found[0], pairing, sample, config)
+        frames = frames or {first: reader.read(first)}  # which says why none can be read
+        tested = tested_calibration(found[0], pairing, frames, config)
     poses, unread = find_poses(places, pairing.pairs, {one.path for one in found})
     problems = (
         *pairing_problems(sides, pairing, _doubtful(sides, tested)),

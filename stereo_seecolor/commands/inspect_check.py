@@ -1,6 +1,6 @@
 """A calibration that ``inspect`` found, tested on sample pairs of the dive."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,20 +12,20 @@ from calibration.checks import RowCheck
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
 from calibration.verification.conventions import resolve_convention
+from calibration.verification.matches import find_matches
 from calibration.verification.mistakes import FoundMistake
 from calibration.verification.quick_check import quick_check
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.range_limits import RangeLimits, range_limits
-from stereo_seecolor.checks.rig import judge_rig, matches_of
-from stereo_seecolor.checks.sample import DECIDING_PAIRS
+from stereo_seecolor.checks.rig import judge_rig
+from stereo_seecolor.checks.sample import DECIDING_PAIRS, matching_threads
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.matching.image_texture import sides_without_texture
-from stereo_seecolor.records import Image, is_monochrome
+from stereo_seecolor.records import StereoFrame, is_monochrome
 
 
 @dataclass(frozen=True)
@@ -80,22 +80,29 @@ NOTHING_TESTED = Tested()
 
 
 def tested_calibration(
-    calibration: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig
+    calibration: FoundCalibration,
+    pairing: Pairing,
+    sample: Mapping[Pair, StereoFrame],
+    config: RunConfig,
 ) -> Tested:
     """Test a calibration on sample pairs: one scene, rows, mistakes, limits of range; and measure
     pairs unless it is unusable.
     """
-    rig = _settled_rig(calibration.rig, sample[:DECIDING_PAIRS], config)
+    rig = _settled_rig(calibration.rig, list(sample.values())[:DECIDING_PAIRS])
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
     rectification = Rectification.from_rig(rig)
     change = find_change(rectification, pairing.pairs, config.input)
     pairs, fitting = change.shared(pairing.pairs), list(change.shared(fitting))
-    matches = list(matches_of(rectification, fitting, config.input).matches.values())
+    frames = [sample[pair] for pair in fitting]
+    matches = list(
+        matching_threads(rectification.raw_size).each(
+            lambda one: find_matches(rectification, one.left, one.right), frames
+        )
+    )
     judged = judge_rig(rig, matches, pairs, config.input, change)
     judged = judged.with_motion(rig, matches, pairs, config.input)
     rows, mistake = judged.rows, judged.mistake
-    frames = list(map(FrameReader(config.input).read, fitting))
     ranges_m = [quick_check(rectification, (one.left, one.right)).range_m for one in frames]
     limits = range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
@@ -113,14 +120,8 @@ def tested_calibration(
     return Tested(facts, wrong, measured, limits=limits)
 
 
-def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> StereoRig:
-    images = _images(sample, config)
-    rig = for_channels(rig, is_monochrome(images[0][0]))
+def _settled_rig(rig: StereoRig, sample: Sequence[StereoFrame]) -> StereoRig:
+    rig = for_channels(rig, is_monochrome(sample[0].left))
     with suppress(CalibrationError):  # too few points to tell: said of the rows
-        return resolve_convention(rig, images)
+        return resolve_convention(rig, [(frame.left, frame.right) for frame in sample])
     return rig
-
-
-def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:
-    frames = map(FrameReader(config.input).read, sample)
-    return [(frame.left, frame.right) for frame in frames]

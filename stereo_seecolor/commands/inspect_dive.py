@@ -4,7 +4,7 @@ light, disk space and time of a run.
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -21,7 +21,7 @@ from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.matching.image_texture import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import FrameResult, Image
+from stereo_seecolor.records import FrameResult, Image, StereoFrame
 from stereo_seecolor.run_folder.pair_files import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
@@ -67,29 +67,31 @@ class SampleMeasures:
     seconds: float
 
 
-def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tuple[str, ...]]:
+def alike(
+    sample: Sequence[Pair], reader: FrameReader
+) -> tuple[dict[Pair, StereoFrame], tuple[str, ...]]:
     """The sample pairs whose images can be read and have the most frequent sizes, and a line on
     each other one.
 
-    All of them, without lines, where none can be read.
+    No lines where none can be read.
     """
-    reader, notes = FrameReader(config.input), []
-    sizes: dict[Pair, tuple[tuple[int, ...], ...]] = {}
+    frames, notes = dict[Pair, StereoFrame](), []
     for pair in sample:
         try:
-            frame = reader.read(pair)
+            frames[pair] = reader.read(pair)
         except InputError as error:
             notes.append(f"{error}; a run leaves that pair out")
-        else:
-            sizes[pair] = (frame.left.shape[1::-1], frame.right.shape[1::-1])
-    if not sizes:
-        return sample, ()
+    if not frames:
+        return {}, ()
+    sizes = {
+        pair: (frame.left.shape[1::-1], frame.right.shape[1::-1]) for pair, frame in frames.items()
+    }
     usual = Counter(sizes.values()).most_common(1)[0][0]
     for pair, found in sizes.items():
         for file, size, other in zip((pair.left, pair.right), found, usual, strict=True):
             if size != other:
                 notes.append(f"{file}: {_unlike(size, other)}; a run leaves that pair out")
-    return [pair for pair, found in sizes.items() if found == usual], tuple(notes)
+    return {pair: frames[pair] for pair, found in sizes.items() if found == usual}, tuple(notes)
 
 
 def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
@@ -99,17 +101,16 @@ def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
 
 
 def misfits(
-    rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig
+    rig: StereoRig, pairing: Pairing, sample: Mapping[Pair, StereoFrame], config: RunConfig
 ) -> tuple[Misfit, ...]:
     """The sample pairs whose two images do not show one scene.
 
     Empty where no pair shows one and no neighbor fits: then the rig is wrong. Pairs without texture
     (open water, even sand) are left out.
     """
-    rectification, reader = Rectification.from_rig(rig), FrameReader(config.input)
+    rectification = Rectification.from_rig(rig)
     found, fitting = [], 0
-    for pair in sample:
-        frame = reader.read(pair)
+    for pair, frame in sample.items():
         if images_overlap(rectification, frame.left, frame.right):
             fitting += 1
         elif not sides_without_texture(frame):

@@ -165,7 +165,7 @@ class Opened:
         Returns the inputs with notes on both, and with the pipeline of the refined rig.
         """
         pairs, pipeline = self.pairing.pairs, self.pipeline
-        of_images = verdict_of(IMAGE_CHECKS, DiveImages(pairs, pipeline.config))
+        of_images = verdict_of(IMAGE_CHECKS, DiveImages.with_colors(pairs, pipeline.config))
         pairing = self.pairing.with_notes(of_images.notes, of_images.wrong)
         images = pipeline.config.input
         key = content_key(__version__, pipeline.settings, images.refine, len(pairs), pairs[-1].name)

@@ -4,6 +4,7 @@ import json
 import shlex
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,7 +24,10 @@ from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.commands.inspect_rig import refused_calibrations
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.tiff import encode_tiff
+from stereo_seecolor.inputs.frame_reader import FrameReader
+from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.sides import find_sides
+from stereo_seecolor.records import StereoFrame
 
 
 @pytest.fixture
@@ -40,9 +44,16 @@ def cli(
 
 
 @pytest.mark.slow
-def test_a_dive_is_found_out(make_dive) -> None:
-    dive = make_dive(4)
+def test_a_dive_is_found_out(make_dive, monkeypatch: pytest.MonkeyPatch) -> None:
+    dive, read, times = make_dive(4), FrameReader.read, Counter[str]()
+
+    def counted(reader: FrameReader, pair: Pair) -> StereoFrame:
+        times[pair.name] += 1
+        return read(reader, pair)
+
+    monkeypatch.setattr(FrameReader, "read", counted)
     found = inspect([dive.root])
+    assert set(times.values()) == {2}  # for all tests, and again to be timed
     assert (found.sides.left, found.sides.right) == (dive.root / "L", dive.root / "R")
     assert (found.pairs, found.unpaired, found.misfits) == (4, 0, ())
     (response,) = found.problems  # pictures so small show too little noise

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +24,10 @@ class Surface:
     @property
     def parts(self) -> NDArray[np.int64]:
         """The connected part of the surface that each point is of: (V,) int64, from 0."""
+        # a tenth of a second that runs without a map, whose page imports this, need not wait for
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import connected_components
+
         one, other = self.triangles[:, :2].ravel(), self.triangles[:, 1:].ravel()
         joined, count = np.ones(len(one), np.int8), len(self.points_m)
         edges = csr_array((joined, (one, other)), shape=(count, count))
