@@ -162,10 +162,10 @@ def _table(
     if not lines:
         raise InputError(f"{path}: holds no rows")
     separator = separator_of(max((line for _, line in lines[:LINES_ABOVE]), key=_separators))
-    cells = [
-        (f"{path}: line {number}", _cells(f"{path}: line {number}", line, separator))
-        for number, line in lines
-    ]
+    places = [(f"{path}: line {number}", line) for number, line in lines]
+    cells = [(where, row) for where, line in places if (row := _cells(where, line, separator))]
+    if not cells:
+        raise InputError(f"{path}: holds no rows")
     above = (i for i, (_, row) in enumerate(cells[:LINES_ABOVE]) if not _lacks(path, row, names))
     cells = cells[next(above, 0) :]
     first, units = cells[0][1], dict[str, float]()

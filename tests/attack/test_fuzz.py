@@ -410,6 +410,7 @@ FOUND = {
     ),
     "a header and no rows": ("places", "marker,lat,lon,depth\n"),
     "a header of bars and no rows": ("bars", "first,second,length_m\n"),
+    "a no-break space after a comment sign": ("bars", "#\xa0"),
 }
 
 
