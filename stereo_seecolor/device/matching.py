@@ -30,6 +30,7 @@ from stereo_seecolor.matching.confidence import least_odds
 from stereo_seecolor.matching.gray import SMOOTHING_PX
 from stereo_seecolor.matching.interpolation import fill
 from stereo_seecolor.matching.matcher import CONSTANTS, Matcher
+from stereo_seecolor.matching.refine import error_factor
 from stereo_seecolor.matching.sgm.search import Band, bands
 from stereo_seecolor.records import Map, Mask, RangeMap, StereoFrame
 
@@ -147,12 +148,14 @@ class DeviceMatcher(Matcher):
         least = self._config.min_confidence
         fat = fattening(matched.best, left, around, odds, least_odds(least))
         disparity, confidence = judge(odds, fat, refined.disparity, least)
+        left_gray, right_gray = (image.cpu().numpy().astype(np.uint16) for image in (left, right))
+        std = refined.std * error_factor(left_gray, right_gray, disparity.cpu().numpy())
         filled = torch.zeros_like(disparity, dtype=torch.bool)
         if self._config.fill:
             whole = torch.from_numpy(fill(disparity.cpu().numpy())).to(disparity.device)
             whole = whole if self._seen is None else whole.where(self._seen, torch.nan)
             disparity, filled = whole, disparity.isnan() & whole.isfinite()
-        return self._triangulated(disparity, confidence, refined.std, filled)
+        return self._triangulated(disparity, confidence, std, filled)
 
     def _triangulated(
         self, disparity: Tensor, confidence: Tensor, std: Tensor, filled: Tensor

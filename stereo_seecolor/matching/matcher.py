@@ -15,7 +15,7 @@ from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
 from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, GrayPair
 from stereo_seecolor.matching.interpolation import fill
-from stereo_seecolor.matching.refine import contrast_gain, refine_rows
+from stereo_seecolor.matching.refine import contrast_gain, error_factor, refine_rows
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
 from stereo_seecolor.matching.speckles import remove_speckles
 from stereo_seecolor.matching.triangulation import RangeMaps
@@ -191,6 +191,9 @@ class Matcher:
                 maps.measure(self._pair, limits_m, rows)
 
         list(core_pool().map(judge, strips))
+        if not self._engine.refined:
+            factor = np.float32(error_factor(pair.left, pair.right, maps.disparity))
+            np.multiply(maps.range_std_m, factor, out=maps.range_std_m)
         if self._config.fill:
             whole = fill(maps.disparity)
             self._forget_unseen(whole)

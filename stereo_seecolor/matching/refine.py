@@ -29,17 +29,23 @@ class RefineConstants:
     standard error of the integer disparity; if the images contain less information than this, the
     step shrinks to zero. samples: independent pixels in a window: the blur before matching has
     correlated their noise over 4 pi sigma^2.
+    repeated_strips, repeated_rows: the refinement is repeated on so many strips of so many rows.
+    repeated_stds: how far it moves disparities, in standard errors, where these are right.
     """
 
     largest_step_px: float = 1.0
     matching_std_px: float = 0.3
     samples: float = PIXELS / (4 * np.pi * SMOOTHING_PX**2)
+    repeated_strips: int = 4
+    repeated_rows: int = 24
+    repeated_stds: float = 0.55
 
 
 CONSTANTS = RefineConstants()
 _LARGEST_STEP = CONSTANTS.largest_step_px
 _PRIOR = 1 / CONSTANTS.matching_std_px**2
 _SAMPLES = CONSTANTS.samples
+_LEAST = np.float32(1e-3)
 
 
 def contrast_gain(left: Gray, right: Gray) -> float:
@@ -75,6 +81,37 @@ def refine_rows(
         (refined, std, support, relief),
     )
     return support, relief
+
+
+def error_factor(left: Gray, right: Gray, disparity: Map) -> float:
+    """Compute by how much the standard errors of a pair's refined disparities are too small.
+
+    They take the noise of pixels as independent, but for the blur before matching. Where a filter,
+    a compression or an interpolation has correlated it, or removed texture with it, refining the
+    refined disparities moves them by more of a standard error. This is measured on some rows, in
+    standard errors of the step by the noise of the images, which the prior shrinks with the step.
+
+    disparity: (H, W) pixels, refined; NaN where unknown.
+
+    Returns:
+        1 or more; 1 where hardly any disparities are known.
+    """
+    gain, rows = np.float32(contrast_gain(left, right)), CONSTANTS.repeated_rows
+    firsts = np.linspace(0, max(len(disparity) - rows, 0), CONSTANTS.repeated_strips + 2)[1:-1]
+    moved = []
+    for first in firsts.astype(int):
+        strip = slice(first, first + rows)
+        here = disparity[strip]
+        again, std, support, relief = np.empty((4, *here.shape), np.float32)
+        images, all_rows = (left[strip], right[strip]), (0, len(here))
+        _refine(images, gain, (here, here), all_rows, (again, std, support, relief))
+        information = np.maximum(1 / std**2 - _PRIOR, _LEAST)
+        stds = np.abs(again - here) / (std**2 * np.sqrt(information))
+        moved.append(stds[np.isfinite(stds)][::4])
+    every = np.concatenate(moved)
+    if every.size < PIXELS:
+        return 1.0
+    return max(1.0, 1.4826 * float(np.median(every)) / CONSTANTS.repeated_stds)
 
 
 @compiled

@@ -200,6 +200,24 @@ def test_ranges_are_those_of_the_compiled_matcher():
 
 
 @pytest.mark.slow
+def test_standard_errors_of_denoised_images_are_those_of_the_compiled_matcher():
+    pipeline, frame = reef()
+    smooth = (
+        cv2.fastNlMeansDenoisingColored(image, None, 8, 8, 5, 15)
+        for image in (frame.left, frame.right)
+    )
+    frame, geometry = StereoFrame("smooth", *smooth), pipeline.rectification.matching_pair
+    wanted, found = (
+        matcher.match(frame).range_std_m
+        for matcher in (
+            Matcher(geometry, MatchingConfig()),
+            DeviceMatcher(Memory(CPU), geometry, MatchingConfig()),
+        )
+    )
+    assert abs(np.nanmedian(wanted / found) - 1) < 0.01
+
+
+@pytest.mark.slow
 def test_holes_are_closed_and_black_pairs_named_as_by_the_compiled_matcher():
     pipeline, frame = reef()
     geometry, config = pipeline.rectification.matching_pair, MatchingConfig(fill=True)

@@ -15,8 +15,10 @@ from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import reduced
 from stereo_seecolor.matching.diagnostics import right_sharpness
+from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.reduced import DetailMatcher
+from stereo_seecolor.matching.refine import error_factor
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 CONFIG = MatchingConfig(min_range_m=0.8)
@@ -166,6 +168,27 @@ def test_standard_error_is_that_of_the_range() -> None:
     truth_m = hazy.pair.range_from_depth(hazy.depth_m)
     z = ((found.range_m - truth_m) / found.range_std_m)[hazy.both & np.isfinite(found.range_m)]
     assert 0.5 < 1.4826 * np.median(np.abs(z)) < 1.5
+
+
+@pytest.mark.slow
+def test_standard_errors_include_what_denoising_hides() -> None:
+    hazy = scene(haze_per_m=0.4, noise=2.0)
+    images = (hazy.frame.left, hazy.frame.right)
+    smooth = swapped(hazy, *(cv2.fastNlMeansDenoisingColored(i, None, 5, 5, 5, 15) for i in images))
+    found, gray = match(smooth), GrayPair.from_frame(smooth.frame, 2)
+    factor = error_factor(gray.left, gray.right, found.disparity)
+    z = (found.range_m - hazy.pair.range_from_depth(hazy.depth_m)) / found.range_std_m
+    spread = 1.4826 * np.nanmedian(np.abs(z[hazy.both]))
+    assert spread < 1.2 < 1.3 < factor * spread
+
+
+@pytest.mark.slow
+def test_standard_errors_of_independent_noise_stay() -> None:
+    hazy = scene(haze_per_m=0.4, noise=2.0)
+    gray = GrayPair.from_frame(hazy.frame, 2)
+    found = match(hazy).disparity
+    assert error_factor(gray.left, gray.right, found) == 1.0
+    assert error_factor(gray.left, gray.right, np.full_like(found, np.nan)) == 1.0
 
 
 @pytest.mark.slow
