@@ -408,6 +408,16 @@ FOUND = {
             "T_right_left: 1 0 0 -0.12 0 1 0 0 0 0 1 0 0 0 0 1", "R: 1e300 0 0\nT: 1 0 0"
         ),
     ),
+    "a camera that is infinitely far": (
+        "calibrations",
+        "".join(
+            f"[cam_{i}]\nname = '{i}'\nsize = [640, 480]\n"
+            "matrix = [[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]\n"
+            "distortions = [0.0, 0, 0, 0, 0]\nrotation = [0.0, 0, 0]\n"
+            f"translation = [-{i}.12, 0, {i}e308]\n"
+            for i in (0, 1)
+        ),
+    ),
     "a header and no rows": ("places", "marker,lat,lon,depth\n"),
     "a header of bars and no rows": ("bars", "first,second,length_m\n"),
     "a no-break space after a comment sign": ("bars", "#\xa0"),

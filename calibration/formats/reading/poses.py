@@ -33,6 +33,8 @@ LEAST_MM = 20.0
 """A baseline of this number or more cannot be in meters, centimeters or board squares:
 stereoCalibrate was given millimeters.
 """
+FARTHEST = 1e9
+"""Of any unit: more is no length, and its square may be no number."""
 OTHER_BASELINE = 0.01
 """Relative difference of baselines from which two transforms in one file are of two
 calibrations.
@@ -241,8 +243,8 @@ def _in_meters(document: Section, pose: Pose, parts: Parts) -> Pose:
     numbered = (leaf := parts.get("K", "left")) is None or any(
         one in words(key) for key in leaf.path[-1:] for one in ("0", "1")
     )
-    length = float(np.linalg.norm(np.clip(pose.T[:3, 3], -1e9, 1e9)))
-    if length == 0:
+    length = float(np.linalg.norm(np.clip(pose.T[:3, 3], -FARTHEST, FARTHEST)))
+    if not 0 < length < FARTHEST:
         return pose
     if not stated and numbered and not LEAST_MM <= length <= MAX_BASELINE_M * 1000:
         return pose
