@@ -15,6 +15,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import mkdtemp
@@ -389,10 +390,11 @@ def machine(dives: tuple[Dive, Dive]) -> type[RuleBasedStateMachine]:  # noqa: C
             if not records or not victim.is_file():
                 return
             record = records[number % len(records)]
-            content = json.loads(record.read_bytes())
-            if isinstance(content, dict) and "files" in content:
-                content["files"][hostile] = [asdict(Stamp.of(victim))]
-                record.write_text(json.dumps(content))
+            with suppress(ValueError):  # a command before wrote something else into its place
+                content = json.loads(record.read_bytes())
+                if isinstance(content, dict) and "files" in content:
+                    content["files"][hostile] = [asdict(Stamp.of(victim))]
+                    record.write_text(json.dumps(content))
 
         @rule()
         def the_user_begins_anew(self) -> None:
