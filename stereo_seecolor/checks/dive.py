@@ -5,6 +5,7 @@
 
 from stereo_seecolor.checks.channel_order import channel_order, order_of_sides
 from stereo_seecolor.checks.image_files import compression, cut_out, form
+from stereo_seecolor.checks.misplaced_maps import misplaced_maps
 from stereo_seecolor.checks.range_maps import disparities
 from stereo_seecolor.checks.sides_and_mosaics import gray_side, shifted_mosaic
 from stereo_seecolor.checks.verdict import Check
@@ -26,5 +27,6 @@ RANGED_CHECKS = (
     _COMPRESSION,
     _FORM,
     Check("range maps that hold disparities", "6 images and their maps", disparities),
+    Check("range maps of another place", "6 images and 18 maps", misplaced_maps),
 )
 """Of images with range maps."""

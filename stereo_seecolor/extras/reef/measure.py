@@ -293,6 +293,8 @@ def read_wanted(path: Path) -> list[Wanted]:
                 f"{where}: measure {each.measure!r} has another frame or kind than before"
             )
         found[each.measure] = each if earlier is None else _joined(earlier, each)
+    if not found:
+        raise InputError(f"{path}: holds no rows below its header")
     for each in found.values():
         if len(each.places) + len(each.spots) < LEAST_POINTS[each.kind]:
             raise InputError(

@@ -12,6 +12,7 @@ from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.labelled_points import on_map, point_cover, read_points
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics, tables, write_tables
 from stereo_seecolor.extras.reef.outline_files import read_outlines
+from stereo_seecolor.extras.reef.outlines import refuse_elsewhere
 from stereo_seecolor.extras.reef.site_surface import open_site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.files.atomic import files_below
@@ -42,6 +43,7 @@ def metrics(
     labelled = read_points(points, site.posed) if points else []
     outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
     terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
+    refuse_elsewhere(outlines, terrain.grid, site.posed.offset_m)
     errors = terrain_errors(site.posed, terrain)
     run = open_run(out)
     range_std_m, calibration = typical_std_m(run), calibration_std(run).total

@@ -33,6 +33,12 @@ OTHERS = (
     (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04",
     "an archive"), (b"<", "XML or KML")
 )  # fmt: skip
+OTHER_JSON = {
+    ("shapes", "imageWidth"): "a file of LabelMe, in pixels",
+    ("annotations", "categories"): "a data set of COCO, in pixels",
+    ("geometryType", "features"): "JSON of ArcGIS",
+}
+"""Keys that only another kind of file has -> what it is."""
 
 Turn = Callable[[NDArray[np.float64]], Ring]
 
@@ -48,6 +54,10 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
         content = load_json(decode_text(raw))
     except ValueError as error:
         raise InputError(f"{path}: is neither GeoJSON nor a TagLab project: {error}") from error
+    if isinstance(content, dict):
+        keys = content.keys()
+        if kind := next((what for own, what in OTHER_JSON.items() if {*own} <= keys), None):
+            raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
     try:
         if isinstance(content, dict) and "images" in content and "features" not in content:
             outlines = _taglab(content, posed)

@@ -53,6 +53,7 @@ from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.run_folder.posed_run import PosedRun
 
 Array = NDArray[np.float64]
 
@@ -592,3 +593,13 @@ def test_changes_change_what_they_say_and_no_more() -> None:
     back = changed_reef(grown, [replace(GROWN, amount_m=-0.02)])
     np.testing.assert_allclose(back.height_m, reef.height_m, atol=1e-6)
     assert inverse(T_SECOND) @ T_SECOND == pytest.approx(np.eye(4))
+
+
+def test_maps_of_other_voxels_are_refused(
+    dives: tuple[Path, Path, Reef, Reef], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What larger voxels smooth would be change, of 5 to 8 standard errors."""
+    of_run = {dives[0]: 0.01, dives[1]: 0.02}
+    monkeypatch.setattr(PosedRun, "voxel_m", property(lambda self: of_run[self.run.root]))
+    with pytest.raises(ComparingError, match=r"first was fused with voxels of 10 mm, .*m=0.02$"):
+        compare(dives[0], dives[1])

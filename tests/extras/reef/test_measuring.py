@@ -27,7 +27,7 @@ from stereo_seecolor.extras.reef.lengths_and_areas import (
     surface_area,
 )
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
-from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, surface_of
+from stereo_seecolor.extras.reef.measure import Wanted, measure, measured, read_wanted, surface_of
 from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick
 from stereo_seecolor.mapping.raster.grid import Grid
@@ -663,3 +663,9 @@ def test_lengths_as_eventmeasure_has_them(out: Path, tmp_path: Path, cli: Cli) -
         np.degrees(np.arctan2(middle[0], middle[2])), abs=0.01
     )
     assert fish["Time (mins)"] == "", "the frames tell no time"
+
+
+def test_a_table_without_rows_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("measure,frame,kind,label,x_px,y_px\n")
+    with pytest.raises(InputError, match=r"p.csv: holds no rows below its header"):
+        read_wanted(tmp_path / "p.csv")

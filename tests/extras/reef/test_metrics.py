@@ -545,6 +545,9 @@ def test_metrics_of_a_run_with_outlines(
     ]
     code, said, _ = cli("metrics", fused, "--polygons", polygons)
     assert "not seen: 2" in said and "coral" in said
+    write_geojson(polygons, {"far": far})
+    with pytest.raises(InputError, match=r"no outline lies on the map: they have x 50.2 to 50.6"):
+        metrics(fused, polygons)
     with pytest.raises(OutputError):
         metrics(fused, None, tmp_path / "to")
 

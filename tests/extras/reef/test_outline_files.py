@@ -197,3 +197,19 @@ def test_other_formats_are_named(content: bytes, message: str, tmp_path: Path) -
     (tmp_path / "p.shp").write_bytes(content)
     with pytest.raises(InputError, match=message):
         read_outlines(tmp_path / "p.shp", POSED)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"shapes": [], "imageWidth": 9}, "a file of LabelMe, in pixels"),
+        ({"images": [], "annotations": [], "categories": []}, "a data set of COCO, in pixels"),
+        ({"geometryType": "esriGeometryPolygon", "features": []}, "JSON of ArcGIS"),
+    ],
+)
+def test_files_of_other_programs_are_named(
+    content: dict[str, object], said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "p.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=rf"p.json: is {said}: save the polygons as GeoJSON"):
+        read_outlines(tmp_path / "p.json", POSED)
