@@ -177,7 +177,7 @@ def option_row(parameter: Any) -> str:
 
 def default_of(parameter: Any) -> str:
     if parameter.name == "workers":
-        return "default one per core, at most 8"
+        return "default cores + 1, at most 8"
     if parameter.required:
         return "required"
     if isinstance(parameter.default, bool) or parameter.default in (None, (), ""):

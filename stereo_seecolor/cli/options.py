@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from stereo_seecolor.dive.run_options import RunOptions
     from stereo_seecolor.progress import Listener
 
-DEFAULT_WORKERS = min(cores(), 8)
+DEFAULT_WORKERS = min(cores() + 1, 8)
+"""One more than cores, which work on while a pair waits for the disk."""
 
 COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution", "Reporting"
 

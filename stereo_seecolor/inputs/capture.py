@@ -69,8 +69,10 @@ def orientation(content: bytes) -> int:
 
 MOST_ZOOM = 100.0
 """Digital zooms beyond this are damage."""
-_CROPPED = re.compile(rb"crs:HasCrop\s*(=\s*[\"']|>)\s*True", re.IGNORECASE)
-"""What Adobe's converters write into XMP of a picture that was cut out."""
+_CROPPED = re.compile(rb"crs:hascrop\s*(=\s*[\"']|>)\s*true")
+"""What Adobe's converters write into XMP of a picture that was cut out, in small letters: a search
+for both kinds takes ten times as long.
+"""
 ASPECT = 0.02
 """Least change of the ratio of width to height that is not rounding."""
 
@@ -90,7 +92,7 @@ def framing(content: bytes, size: tuple[int, int]) -> str:
     zoom = _positive_capture(tags.get(ExifTags.Base.DigitalZoomRatio)) or 1.0
     if 1.0 < zoom < MOST_ZOOM:
         return f"has a digital zoom of {zoom:g}"
-    if _CROPPED.search(content):
+    if _CROPPED.search(content.lower()):
         return "was cut out by a converter (XMP: HasCrop)"
     width, height = (
         _positive_capture(tags.get(key))

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.cli.options import DEFAULT_WORKERS
+from stereo_seecolor.compute.threads import cores
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 
 
@@ -15,6 +17,11 @@ def test_wrong_usage(cli) -> None:
     assert (
         cli("run", "--left", "L", "--right", "R", "--calib", "c.yaml", "--poses", "p.tum")[0] == 2
     )
+
+
+def test_a_pair_more_than_cores_is_under_way() -> None:
+    """While one waits for the disk."""
+    assert min(cores() + 1, 8) == DEFAULT_WORKERS
 
 
 @pytest.mark.slow
