@@ -46,6 +46,8 @@ BLOCKS = (8, 16)
 """Rows of the blocks of a JPEG, without and with color at half resolution."""
 ONE_COLOR = 12
 """Of 255: values of a bar of one color, as a JPEG leaves them beside a picture."""
+EDGE = 1
+"""Demosaicing repeats so many rows at the upper and lower edge: no difference to compare with."""
 OFF = 2
 """Rows between those that are compared: a seam in the middle of a row lies between two pairs of
 rows.
@@ -108,7 +110,9 @@ def _steps(values: NDArray[np.int16], floor: float) -> NDArray[np.float64]:
     least = np.minimum(
         SETTINGS.step * np.maximum(above, below), SETTINGS.one_side * np.minimum(above, below)
     )
-    return np.pad(mean[:, OFF:-OFF] / least, ((0, 0), (OFF + 1, OFF)))
+    steps = np.pad(mean[:, OFF:-OFF] / least, ((0, 0), (OFF + 1, OFF)))
+    steps[:, : OFF + EDGE + 1] = steps[:, -OFF - EDGE :] = 0
+    return steps
 
 
 def _seam(steps: NDArray[np.float64], later: int, every: int) -> tuple[float, int]:

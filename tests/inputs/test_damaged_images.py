@@ -111,6 +111,14 @@ def test_most_bytes_whose_change_is_seen_in_a_jpeg_are_found() -> None:
     assert found > 0.85 * changed
 
 
+@pytest.mark.parametrize("kind", ["tif", "ppm"])
+def test_rows_that_demosaicing_repeats_are_no_seam(kind: str) -> None:
+    for path in (*LEFTS, *RIGHTS):
+        pixels = read_pixels(path).copy()
+        pixels[[0, -1]] = pixels[[1, -2]]
+        assert seam(PLAIN[kind](pixels)) is None
+
+
 @pytest.mark.parametrize("kind", ["ppm", "jpg"])
 def test_bars_across_an_image_are_no_seam(kind: str) -> None:
     pixels = read_pixels(LEFTS[0]).copy()

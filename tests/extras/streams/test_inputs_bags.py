@@ -613,3 +613,16 @@ def test_a_bag_that_changed_is_measured_again(dive, messages, cli, tmp_path) -> 
     assert cli(*command)[0] == 0
     after = [path.read_bytes() for path in sorted((tmp_path / "out/range").iterdir())]
     assert (after[0] == before[0], after[1] == before[1]) == (True, False)
+
+
+def test_of_two_rigs_the_one_with_its_calibration_is_taken(dive, messages) -> None:
+    """Another rig's camera_info is not that of the cameras."""
+    rear = [
+        sent._replace(topic=sent.topic.replace("/stereo", "/rear"))
+        for sent in messages
+        if sent.topic.endswith("image_raw")
+    ]
+    bag = write_bag(dive.root / "two.mcap", [*rear, *messages])
+    found = open_dive(bag, "", InputConfig())
+    assert found.sides.left.name == f"{LEFT}/image_raw"
+    assert "; for /rear/left/image_raw give --topics" in " ".join(found.pairing.notes)

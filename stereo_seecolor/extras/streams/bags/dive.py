@@ -195,6 +195,7 @@ def _notes(bag: Bag, sides: SideTopics, pairing: Pairing) -> tuple[str, ...]:
     notes.append(
         f"{bag.path}: left is {chosen[0]}, right is "
         f"{chosen[1]}{' (guessed)' if sides.guessed else ''}"
+        + (f"; for {', '.join(sides.others)} give --topics" if sides.others else "")
     )
     notes += [
         f"{bag.path}: {name}: headers hold no time; the times of recording are used"

@@ -31,11 +31,14 @@ TRANSPORTS = (
 
 @dataclass(frozen=True)
 class SideTopics:
-    """The two image topics of a dive. guessed: no name says which side is which."""
+    """The two image topics of a dive. guessed: no name says which side is which. others: left
+    topics of other rigs.
+    """
 
     left: Topic
     right: Topic
     guessed: bool = False
+    others: tuple[str, ...] = ()
 
 
 def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
@@ -53,7 +56,10 @@ def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
     ]
     both = [pair for pair in permutations(pictures, 2) if _are_sides(*pair)]
     if both:
-        return SideTopics(*max(both, key=lambda pair: _preference(*pair)))
+        left, right = max(both, key=lambda pair: (_has_info(bag, *pair), *_preference(*pair)))
+        rigs = {tuple(_camera(left.name)): left.name for left, _ in reversed(both)}
+        others = (name for camera, name in rigs.items() if camera != tuple(_camera(left.name)))
+        return SideTopics(left, right, others=tuple(sorted(others)))
     if len(pictures) == 2:
         return SideTopics(pictures[0], pictures[1], guessed=True)
     raise InputError(
@@ -91,6 +97,16 @@ def info_topic(bag: Bag, image: Topic) -> Topic | None:
         topic for topic in infos if side and side_of(" ".join(topic.name.split("/"))) == side
     ]
     return max(of_side, key=lambda topic: _shared(topic.name.split("/"), camera), default=None)
+
+
+def _has_info(bag: Bag, left: Topic, right: Topic) -> bool:
+    """Whether both have a camera_info of their own beside them."""
+    beside = {
+        tuple(topic.name.split("/")[:-1])
+        for topic in bag.topics
+        if topic.msgtype == CAMERA_INFO and topic.entries
+    }
+    return all(tuple(_camera(topic.name)) in beside for topic in (left, right))
 
 
 def _named(bag: Bag, images: Sequence[Topic], given: Mapping[str, str], side: str) -> Topic:
