@@ -101,17 +101,16 @@ def _enclosed(
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON holds it: dataclasses are objects, arrays and tuples lists, NaN and infinity
-    null, all else its text.
+    """A value as JSON holds it: dataclasses are objects without their functions, arrays and tuples
+    lists, NaN and infinity null, all else its text.
     """
     if value is None or isinstance(value, (str, bool, int, Streamed, StreamedList)):
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {
-            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
-        }
+        members = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
+        return {name: plain(item) for name, item in members if not callable(item)}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

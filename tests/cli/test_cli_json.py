@@ -17,6 +17,7 @@ from conftest import Cli
 from json_shapes import ERROR, SHAPES, mismatch
 from video_writers import write_pair
 
+from calibration.verification.table import MOVED, RADIANS, Cause
 from stereo_seecolor.cli.app import every_command
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.files.json_values import json_line, plain
@@ -294,6 +295,11 @@ def test_whatever_a_result_holds_is_valid_json() -> None:
         "7": {"set": [1]},
     }
     assert plain(np.float64(0.1)) == 0.1
+
+
+def test_a_cause_is_its_numbers_and_not_the_function_that_undoes_it() -> None:
+    cause = Cause("a roll of {} +- {} degrees", RADIANS, MOVED, lambda rig, _: rig)
+    assert plain(cause).keys() == {"text", "amount", "cure"}
 
 
 def test_a_shape_notices_what_is_missing_and_what_is_new() -> None:
