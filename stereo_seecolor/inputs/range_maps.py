@@ -172,9 +172,17 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
             "'stereo-seecolor[exr]', or convert it to a TIFF of floating point"
         ) from error
     try:
+        with OpenEXR.File(io.BytesIO(content), separate_channels=True, header_only=True) as file:
+            first, last = file.header()["dataWindow"]
+            width, height = (int(b) - int(a) + 1 for a, b in zip(first, last, strict=True))
+            count = len(file.header()["channels"])
+        if min(width, height) < 1 or width * height * count > 4 * MAX_PIXELS:
+            raise InputError(
+                f"{path}: claims {count} channels of {width}x{height} pixels: not read"
+            )
         with OpenEXR.File(io.BytesIO(content), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError, TypeError) as error:
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: is damaged: {' '.join(str(error).split())[:200]}") from error
 
 

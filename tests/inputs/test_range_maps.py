@@ -5,6 +5,8 @@ where they are no meters.
 import io
 import re
 import tempfile
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -314,3 +316,28 @@ def test_water_tells_ranges_that_are_no_meters(
 ) -> None:
     (note,) = range_scale_notes(fitted("blue-ocean", ranges), given=True)
     assert re.search(found, note), note
+
+
+def test_an_exr_is_refused_by_its_header(tmp_path: Path) -> None:
+    content = bytearray(exr({"Z": RANGE_M}))
+    at = content.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    content[at : at + 16] = np.array([0, 0, 99_999, 99_999], "<i4").tobytes()
+    (tmp_path / "a.exr").write_bytes(content)
+    with pytest.raises(InputError, match=r"a.exr: claims 1 channels of 100000x100000 pixels"):
+        read_range_map(tmp_path / "a.exr")
+
+
+def test_an_npz_is_refused_by_what_its_directory_states(tmp_path: Path) -> None:
+    """A megabyte of zeros was unpacked to gigabytes."""
+    zeros = bytes(1 << 20)
+    with (
+        zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("range_m.npy", "w", force_zip64=True) as member,
+    ):
+        for _ in range(1200):
+            member.write(zeros)
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"a.npz: .*holds more than 1144 MB: not read"):
+        read_range_map(tmp_path / "a.npz")
+    assert tracemalloc.get_traced_memory()[1] < 50 << 20
+    tracemalloc.stop()

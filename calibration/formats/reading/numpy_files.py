@@ -18,6 +18,7 @@ from calibration.errors import CalibrationError
 
 MAX_ARRAYS = 100  # a rig is some ten arrays
 MAX_ARRAY_BYTES = 2**20  # corners of 300 views are 0.3 MB
+MAX_BYTES = MAX_ARRAYS * MAX_ARRAY_BYTES
 DAMAGED = (
     tokenize.TokenError,
     zipfile.BadZipFile,
@@ -58,6 +59,7 @@ def read_npz(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if len(members) > MAX_ARRAYS:
             raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
+        _refuse_large(sum(info.file_size for info in members), max(most_bytes, MAX_BYTES))
         return {
             info.filename.removesuffix(".npy"): _array(archive, info, most_bytes)
             for info in members
@@ -70,16 +72,19 @@ def read_one(raw: bytes, most_bytes: int = MAX_ARRAY_BYTES) -> dict[str, Any]:
         return {"matrix": _parsed("its array", raw, most_bytes)}
 
 
+def _refuse_large(size: int, most_bytes: int, name: str = "") -> None:
+    if size > most_bytes:
+        raise CalibrationError(f"{name}holds more than {most_bytes >> 20} MB: not read")
+
+
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, most_bytes: int) -> Any:
+    _refuse_large(info.file_size, most_bytes, f"{info.filename}: ")
     with archive.open(info) as file:
         return _parsed(info.filename, file.read(most_bytes + 1), most_bytes)
 
 
 def _parsed(name: str, content: bytes, most_bytes: int) -> Any:
-    if len(content) > most_bytes:
-        raise CalibrationError(
-            f"{name}: holds more than {most_bytes >> 20} MB, which no calibration does"
-        )
+    _refuse_large(len(content), most_bytes, f"{name}: ")
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     header = (
@@ -96,7 +101,7 @@ def _parsed(name: str, content: bytes, most_bytes: int) -> Any:
             f"{name}: holds Python objects instead of numbers, which could run code: save plain "
             "arrays"
         )
-    data = content[stream.tell() :]
+    data = memoryview(content)[stream.tell() :]
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(data):
         raise CalibrationError(
             f"{name}: is damaged: {len(data)} bytes for an array of shape {shape}"
