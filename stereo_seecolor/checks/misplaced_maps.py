@@ -57,7 +57,8 @@ def misplaced_maps(images: DiveImages) -> DiveVerdict:
     others: dict[str, list[float]] = {how: [] for how in (*TURNS, *NEIGHBORS.values())}
     shifted = []
     cell_px = 1
-    for pair in evenly_spaced(images.pairs, LIMITS.images):
+    for place in evenly_spaced(range(len(images.pairs)), LIMITS.images):
+        pair = images.pairs[place]
         with suppress(InputError):  # the run names it
             image = read_image(pair.left, images.config.input)
             cell_px = max(1, round(image.shape[1] / LIMITS.width))
@@ -68,14 +69,8 @@ def misplaced_maps(images: DiveImages) -> DiveVerdict:
             shifted.append(_shifted(seen, own))
             for how, turn in TURNS.items():
                 others[how].append(_correlation(seen, own[turn]))
-            place = images.pairs.index(pair)
             for step, how in NEIGHBORS.items():
-                value = np.nan
-                if 0 <= place + step < len(images.pairs):
-                    with suppress(InputError):
-                        of_it = _map_edges(images, images.pairs[place + step].right, cell_px)
-                        value = _correlation(seen, of_it) if of_it.shape == seen.shape else np.nan
-                others[how].append(value)
+                others[how].append(_with_map(images, place + step, seen, cell_px))
     if len(here) < LIMITS.least_images or not np.isfinite(here).all():
         return NOTHING_FOUND
     dy, dx = _peak(np.mean(shifted, axis=0))
@@ -85,6 +80,15 @@ def misplaced_maps(images: DiveImages) -> DiveVerdict:
             float(one[down + dy, across + dx]) for one in shifted
         ]
     return _verdict(np.array(here), others, images.pairs[0].right.name)
+
+
+def _with_map(images: DiveImages, place: int, seen: Array, cell_px: int) -> float:
+    """The correlation with the map of that place; NaN where there is none that can be compared."""
+    if 0 <= place < len(images.pairs):
+        with suppress(InputError):
+            edges = _map_edges(images, images.pairs[place].right, cell_px)
+            return _correlation(seen, edges) if edges.shape == seen.shape else float("nan")
+    return float("nan")
 
 
 def _verdict(here: Array, others: dict[str, list[float]], name: str) -> DiveVerdict:
