@@ -68,10 +68,10 @@ class DiveFacts(RowFacts):
     posed: PosedRun | None
 
     @classmethod
-    def of(cls, run: FinishedRun) -> "DiveFacts":
+    def of(cls, run: FinishedRun, *, with_map: bool = True) -> "DiveFacts":
         """Read the facts of a run. Raises InputError if its tables are missing or damaged."""
         rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
-        made = open_map(run.root)
+        made = open_map(run.root) if with_map else None
         return cls(rows, run, _waters(run), made, open_posed_run(run.root) if made else None)
 
     @property

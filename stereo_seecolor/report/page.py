@@ -36,7 +36,7 @@ from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE
+from stereo_seecolor.run_folder.layout import INDEX, MAP, PAGE, WHAT_IS_WHERE
 from stereo_seecolor.run_folder.manifest import FrameRecord
 
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
@@ -64,9 +64,9 @@ def write_page(
     """Write OUT/index.html and OUT/page. Frames that an earlier page shows are not read again.
 
     Raises OutputError; InputError if files that the page is made from are missing or damaged. A
-    frame whose files are, or a raster of the map, is named in the summary and left out.
+    frame whose files are, a raster of the map, or the map, is named in the summary and left out.
     """
-    facts = DiveFacts.of(run)
+    facts, no_map = _facts(run)
     settings = content_key(FORMAT)
     record_of = partial(_frame_record, folder, FrameFiles.of(run))
     made, left_out, shown = 0, {}, {}
@@ -82,7 +82,11 @@ def write_page(
     folder.dive.update(
         replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings})
     )
-    left_out |= write_map_files(folder, facts)
+    try:
+        left_out |= no_map | write_map_files(folder, facts)
+    except InputError as error:
+        facts = replace(facts, map=None, posed=None)
+        left_out |= {MAP: str(error)} | write_map_files(folder, facts)
     kept, problem = _kept_on_page(run)
     left_out |= problem
     blocks, scripts = frame_blocks(facts)
@@ -100,6 +104,17 @@ def write_page(
     }
     folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
     return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
+
+
+def _facts(run: FinishedRun) -> tuple[DiveFacts, dict[str, str]]:
+    """What a run holds; without its map where that cannot be read, and why, by its folder.
+
+    Raises InputError for the tables of the run.
+    """
+    try:
+        return DiveFacts.of(run), {}
+    except InputError as error:
+        return DiveFacts.of(run, with_map=False), {MAP: str(error)}
 
 
 def _kept_on_page(run: FinishedRun) -> tuple[dict[str, Any], dict[str, str]]:

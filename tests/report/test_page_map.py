@@ -361,6 +361,22 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_a_damaged_map_is_named_and_the_page_goes_without_it(tmp_path: Path) -> None:
+    out = write_map(tmp_path / "out", flat_frames(3), "prior")
+    report(out)
+    for name in (MESH, "map.json", "trajectory.tum", "poses.csv"):
+        path = out / "map" / name
+        content = path.read_bytes()
+        path.write_bytes(content[: len(content) // 3] if name == MESH else b"")
+        found = report(out)
+        assert list(found.left_out) == ["map"], name
+        assert not (out / "page/map/map.js").exists()
+        path.write_bytes(content)
+    assert not report(out).left_out
+    assert (out / "page/map/map.js").is_file()
+
+
+@pytest.mark.slow
 def test_a_map_that_could_not_be_packed_leaves_nothing_behind(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
