@@ -190,8 +190,10 @@ def test_measures_in_the_browser_are_those_of_the_command_line(
         page.get_by_role("button", name="Save as CSV").click()
     saved.value.save_as(tmp_path / "points.csv")
     for mine, theirs in zip(stored(page), measure(out, tmp_path / "points.csv"), strict=True):
-        assert mine["value"] == pytest.approx(theirs.value, rel=3e-4)
-        assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=3e-4)
+        # the page rounds ranges to a part of their standard errors
+        rounding = 0.02 * theirs.std
+        assert mine["value"] == pytest.approx(theirs.value, rel=3e-4, abs=rounding)
+        assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=3e-4, abs=rounding)
         assert mine["std"] == pytest.approx(theirs.std, rel=0.03)
 
 
