@@ -36,8 +36,10 @@ class EdgeLimits:
     width: int = 240  # cells across an image
     around: float = 6.0  # cells: standard deviation of what is usual around a cell
     least_cells: int = 2000
-    sigmas: float = 5.0  # of the mean over the images
+    # of the mean over the images by chance, which its highest place of thousands exceeds 4 times
+    sigmas: float = 6.0
     shift: int = 3  # cells: less is what rectification and resizing leave
+    wide: int = 6  # cells: of a peak
     reach: tuple[int, int] = (30, 60)  # cells down and across to which shifts are looked for
 
 
@@ -73,13 +75,16 @@ def misplaced_maps(images: DiveImages) -> DiveVerdict:
                 others[how].append(_with_map(images, place + step, seen, cell_px))
     if len(here) < LIMITS.least_images or not np.isfinite(here).all():
         return NOTHING_FOUND
-    dy, dx = _peak(np.mean(shifted, axis=0))
+    together = np.mean(shifted, axis=0)
+    dy, dx = _peak(together)
+    down, across = LIMITS.reach
     if max(abs(dy), abs(dx)) >= LIMITS.shift:
-        down, across = LIMITS.reach
         others[f"shifted by about {-dx * cell_px}, {-dy * cell_px} px (x, y)"] = [
             float(one[down + dy, across + dx]) for one in shifted
         ]
-    return _verdict(np.array(here), others, images.pairs[0].right.name)
+    together[max(down + dy - LIMITS.wide, 0) : down + dy + LIMITS.wide + 1] = np.nan
+    chance = float(np.nanstd(together))
+    return _verdict(np.array(here), others, chance, images.pairs[0].right.name)
 
 
 def _with_map(images: DiveImages, place: int, seen: Array, cell_px: int) -> float:
@@ -91,13 +96,14 @@ def _with_map(images: DiveImages, place: int, seen: Array, cell_px: int) -> floa
     return float("nan")
 
 
-def _verdict(here: Array, others: dict[str, list[float]], name: str) -> DiveVerdict:
-    """The best of the other places, if it is beyond chance, and better than as given."""
+def _verdict(here: Array, others: dict[str, list[float]], chance: float, name: str) -> DiveVerdict:
+    """The best of the other places, if it is beyond chance, and better than as given. chance:
+    standard deviation of the mean correlation at other places.
+    """
     found = {how: np.array(values) for how, values in others.items() if np.isfinite(values).any()}
     best = max(found, key=lambda how: float(np.nanmean(found[how])))
-    chance = np.concatenate([values for how, values in found.items() if how != best])
     known = np.isfinite(found[best])
-    least = LIMITS.sigmas * float(np.nanstd(chance)) / np.sqrt(known.sum())
+    least = LIMITS.sigmas * chance * np.sqrt(len(here) / max(known.sum(), 1))
     there, as_given = float(np.median(found[best][known])), float(np.median(here[known]))
     if known.sum() < LIMITS.least_images or there < least or there - as_given < 2**0.5 * least:
         return NOTHING_FOUND
@@ -108,7 +114,7 @@ def _verdict(here: Array, others: dict[str, list[float]], name: str) -> DiveVerd
         (
             f"range: {name} and others are {what}: put right, their steps lie on edges of the "
             f"images (correlation {there:.2f}, as given {as_given:.2f}, by chance "
-            f"{least / LIMITS.sigmas:.3f}): give each image its own map",
+            f"{chance:.3f}): give each image its own map",
         ),
         RANGES | COLORS,
     )
