@@ -48,8 +48,8 @@ export async function textOf(file: Blob): Promise<string> {
 }
 
 /**
- * The points of a table of CoralNet; label is "" where none was given. Their spots are NaN where the frame has no range, or no place on the map.
- * Throws an Error that names the line, where the table or one of its images is not known.
+ * The points of a table of CoralNet, each once; label is "" where none was given. Their spots are NaN where the frame has no range, or no place on the map.
+ * Throws an Error that names the line, where the table or one of its images is not known, or a point has two labels.
  */
 export async function readPoints(text: string, dive: Dive, about: About): Promise<LabelledSpot[]> {
   const [head, ...rows] = table(text);
@@ -57,14 +57,18 @@ export async function readPoints(text: string, dive: Dive, about: About): Promis
   const [name, row, column] = ["name", "row", "column"].map(place);
   const labels = LABELS.map(place).filter((each) => each >= 0);
   if (Math.min(name, row, column, labels.length - 1) < 0) throw new Error("line 1: columns Name, Row, Column and Label are needed");
-  const found: LabelledSpot[] = [];
+  const found = new Map<string, LabelledSpot>();
   for (const [i, cells] of rows.entries()) {
     const pixel = [column, row].map((each) => (cells[each] ? Number(cells[each].replace(",", ".")) : NaN)) as [number, number];
     const spot_m = pixel.every((value) => Number.isInteger(value) && value >= 0) && (await spotOf(cells[name] ?? "", pixel, dive, about));
     if (!spot_m) throw new Error(`line ${i + 2}: ${cells[name]}, row ${cells[row]}, column ${cells[column]} is not a pixel of a corrected frame, or of a tile of export --to tiles`);
-    found.push({ spot_m, label: labels.map((each) => cells[each]).find(Boolean) ?? "" });
+    const label = labels.map((each) => cells[each]).find(Boolean) ?? "";
+    const key = [cells[name], ...pixel].join("\n");
+    const before = found.get(key)?.label;
+    if (before && label && before !== label) throw new Error(`line ${i + 2}: labels a point as "${label}" that is "${before}" in a line above: leave one, such as those of one annotator`);
+    if (!before) found.set(key, { spot_m, label });
   }
-  return found;
+  return [...found.values()];
 }
 
 /** Where a pixel of a frame or a tile lies on the map; null where there is no such pixel. */

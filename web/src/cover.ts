@@ -75,15 +75,15 @@ export class Cover {
   /** Points that are evenly distributed over what the map shows. */
   private async scatter(count: number): Promise<void> {
     const { width, height } = this.heights.place;
-    const points: LabelledSpot[] = [];
+    const points = new Map<number, LabelledSpot>(); // by cell: none is chosen twice
     const wanted = Math.min(Math.max(Math.round(count) || 0, 1), MOST_POINTS);
-    for (let tries = 0; points.length < wanted && tries < TRIES * wanted; tries++) {
+    for (let tries = 0; points.size < wanted && tries < TRIES * wanted; tries++) {
       const cell: [number, number] = [Math.floor(Math.random() * width), Math.floor(Math.random() * height)];
       const spot_m = this.heights.center(...cell);
       await this.heights.load([spot_m]);
-      if (!Number.isNaN(this.heights.at(...cell))) points.push({ spot_m, label: "" });
+      if (!Number.isNaN(this.heights.at(...cell))) points.set(cell[1] * width + cell[0], { spot_m, label: "" });
     }
-    this.move(() => this.points.replace(points));
+    this.move(() => this.points.replace([...points.values()]));
     this.label.focus({ preventScroll: true });
   }
 

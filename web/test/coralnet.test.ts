@@ -38,4 +38,7 @@ test("a table is text in any usual encoding", async () => {
 test("what cannot be used is named", async () => {
   await assert.rejects(readPoints("Name,Row\n", DIVE, ABOUT), /line 1: columns Name, Row, Column and Label/);
   await assert.rejects(readPoints("Name,Row,Column,Label\n0_0.png,50,3,a\n", DIVE, ABOUT), /line 2: 0_0.png, row 50, column 3 is not a pixel/);
+  const twice = "Name,Row,Column,Label\n0_0.png,5,3,\n0_0.png,5,3,a\n0_0.png,5,3,a\n";
+  assert.deepEqual((await readPoints(twice, DIVE, ABOUT)).map(({ label }) => label), ["a"]);
+  await assert.rejects(readPoints(`${twice}0_0.png,5,3,b\n`, DIVE, ABOUT), /line 5: labels a point as "b" that is "a"/);
 });
