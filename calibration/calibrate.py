@@ -67,9 +67,9 @@ def calibrate(
         _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
-            f"the {len(kept)} views give an impossible rig ({error}): check whether the folders "
-            "are swapped, and whether pairs were exposed at the same moment, and tilt the "
-            "target more"
+            f"the {len(kept)} views give an impossible rig ({error}): check whether the "
+            "cameras moved or zoomed between pairs, and whether pairs were exposed at the same "
+            "moment, and tilt the target more"
         ) from error
     report = _report(bundle, rig, kept, target, scores, score)
     return rig, replace(report, views=(*report.views, *dropped, *outliers))

@@ -151,7 +151,11 @@ def solve(
         equations = _normal_equations(bundle, sides)
         improved = False
         while not improved and damping < 1e12:
-            moved = _move(bundle, *_step(equations, damping, poses_only))
+            try:
+                moved = _move(bundle, *_step(equations, damping, poses_only))
+            except np.linalg.LinAlgError:  # a pose that its corners do not determine
+                damping *= 10.0
+                continue
             moved_error = _cost(moved, sides)
             improved = moved_error < error
             damping *= 0.1 if improved else 10.0

@@ -288,3 +288,34 @@ def test_a_file_of_the_user_is_not_written_over(
     )
     assert [path.name for path in tmp_path.iterdir()] == [theirs.name]
     assert theirs.read_bytes() == b"the only calibration of a rig that is lost"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "axes", "named"),
+    [
+        ("chessboard:8x6:40mm", (), "the images show a chessboard of 7x5 inner corners, not 8x6"),
+        (TARGET, (1,), "the images of one side are mirrored"),
+        (TARGET, (0, 1), "the images of one side are turned by 180 degrees"),
+    ],
+)
+def test_calibrate_names_what_the_images_show_instead(
+    cli: Cli,
+    board_pairs: tuple[Path, StereoRig],
+    tmp_path: Path,
+    target: str,
+    axes: tuple[int, ...],
+    named: str,
+) -> None:
+    """Squares counted in place of corners, and one camera that mirrors or stands upside down."""
+    folder, _ = board_pairs
+    (tmp_path / "right").mkdir()
+    for image in (folder / "right").iterdir():
+        changed = np.flip(cv2.imread(str(image)), axes)
+        cv2.imwrite(str(tmp_path / "right" / image.name), changed)
+    sides = ("--left", folder / "left", "--right", tmp_path / "right")
+    out = tmp_path / "cam.yaml"
+    code, _, said = cli("calibrate", *sides, "--target", target, "--out", out)
+    assert code == 1
+    assert named in said
+    assert not out.exists()
