@@ -229,6 +229,26 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 
 
+def test_convert_refuses_words_that_contradict_each_other(
+    cli: Cli, tmp_path: Path, board_pairs: tuple[Path, StereoRig]
+) -> None:
+    """Another size than the file's, one name for two files, and another format's ending."""
+    source = tmp_path / "rig.yaml"
+    write_rig(board_pairs[1], source)
+    one = tmp_path / "one.yaml"
+    for out, words, message in (
+        (tmp_path / "cam.yaml", ("--size", "1280x960"), "states images of 480x360 px"),
+        (f"{one},{one}", ("--to", "ros"), "give two names"),
+        (tmp_path / "cam.mat", (), "the native format ends in .yaml"),
+        (tmp_path / "cam.yaml", ("--to", "matlab"), "the matlab format ends in .mat"),
+    ):
+        code, _, said = cli("convert-calib", source, out, *words)
+        assert code == 1
+        assert message in said
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
+    assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "480x360")[0] == 0
+
+
 @pytest.mark.slow
 def test_check_refines_a_rig_that_has_moved(
     cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
