@@ -129,9 +129,14 @@ def _by_side(observations: Sequence[CornerObservation]) -> list[_SideCorners]:
     return sides
 
 
+def residuals(bundle: Bundle, observations: Sequence[CornerObservation]) -> Array:
+    """Projected minus measured corners, those of the left side first: (n, 2) pixels."""
+    return np.concatenate([side.residuals(bundle) for side in _by_side(observations)])
+
+
 def rms(bundle: Bundle, observations: Sequence[CornerObservation]) -> float:
     """Root mean square distance in pixels between corners and their projections."""
-    off = np.concatenate([side.residuals(bundle) for side in _by_side(observations)])
+    off = residuals(bundle, observations)
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
