@@ -10,6 +10,7 @@ from calibration.boards.lens import fit_rig, to_camera
 from calibration.boards.outlying_views import view_errors, without_outliers
 from calibration.boards.report import CalibrationReport, LensScore, ViewReport
 from calibration.boards.shifted_pairs import refuse_out_of_step
+from calibration.boards.target_shape import TargetShape, target_shape
 from calibration.boards.target_views import TargetView, common_ids, observations_of, usable_views
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
@@ -42,6 +43,7 @@ def calibrate(
     refuse_out_of_step(views, target)
     usable, dropped = usable_views(views)
     size = usable[0].image_size
+    shape = None
     kept, outliers, fits = without_outliers(usable, target, LENSES[:2])
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
         fits += [fit_rig(kept, target, lens) for lens in LENSES[2:]]
@@ -58,7 +60,8 @@ def calibrate(
         )
         scores.append(_cross_validate(fits[-1], kept, target))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
-        widened = _with_choice_of_lens(score, scores)
+        shape = target_shape(bundle, observations_of(kept, target), target)
+        widened = _with_shape(_with_choice_of_lens(score, scores), shape)
         scores = [widened if other is score else other for other in scores]
         score = widened
     try:
@@ -67,12 +70,12 @@ def calibrate(
         _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
-            f"the {len(kept)} views give an impossible rig ({error}): check whether the folders "
-            "are swapped, and whether pairs were exposed at the same moment, and tilt the "
-            "target more"
+            f"the {len(kept)} views give an impossible rig ({error}): check whether the "
+            "cameras moved or zoomed between pairs, and whether pairs were exposed at the same "
+            "moment, and tilt the target more"
         ) from error
     report = _report(bundle, rig, kept, target, scores, score)
-    return rig, replace(report, views=(*report.views, *dropped, *outliers))
+    return rig, replace(report, views=(*report.views, *dropped, *outliers), shape=shape)
 
 
 def _cross_validate(full: Bundle, views: list[TargetView], target: Target) -> LensScore:
@@ -122,6 +125,15 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
         [np.abs(other.figures - score.figures) for other in alike] or [np.zeros(3)], axis=0
     )
     return replace(score, std=np.hypot(score.std, spread), spread=spread)
+
+
+def _with_shape(score: LensScore, shape: TargetShape) -> LensScore:
+    """``score``, its errors widened by what the target's shape changes: of a target longer one way
+    than the other it is not known which way is right.
+    """
+    change = np.abs(_figures(shape.fit) - score.figures)
+    change[2] = np.hypot(change[2], abs(shape.parameters[0]) / 2 * score.figures[2])
+    return replace(score, std=np.hypot(score.std, change))
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:

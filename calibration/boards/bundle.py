@@ -129,9 +129,14 @@ def _by_side(observations: Sequence[CornerObservation]) -> list[_SideCorners]:
     return sides
 
 
+def residuals(bundle: Bundle, observations: Sequence[CornerObservation]) -> Array:
+    """Projected minus measured corners, those of the left side first: (n, 2) pixels."""
+    return np.concatenate([side.residuals(bundle) for side in _by_side(observations)])
+
+
 def rms(bundle: Bundle, observations: Sequence[CornerObservation]) -> float:
     """Root mean square distance in pixels between corners and their projections."""
-    off = np.concatenate([side.residuals(bundle) for side in _by_side(observations)])
+    off = residuals(bundle, observations)
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
@@ -151,7 +156,11 @@ def solve(
         equations = _normal_equations(bundle, sides)
         improved = False
         while not improved and damping < 1e12:
-            moved = _move(bundle, *_step(equations, damping, poses_only))
+            try:
+                moved = _move(bundle, *_step(equations, damping, poses_only))
+            except np.linalg.LinAlgError:  # a pose that its corners do not determine
+                damping *= 10.0
+                continue
             moved_error = _cost(moved, sides)
             improved = moved_error < error
             damping *= 0.1 if improved else 10.0

@@ -65,7 +65,8 @@ def _without_wrong_pairs(
     if not wrong.any() or wrong.sum() > len(views) - MIN_VIEWS:
         return list(views), [], guesses
     reason = (
-        "left and right disagree ({:.0f} px): not exposed at the same moment, or paired wrongly?"
+        "left and right disagree ({:.0f} px): not exposed at the same moment, paired wrongly, or a "
+        "camera moved?"
     )
     dropped = [
         ViewReport(view.name, reason=reason.format(error))
@@ -101,4 +102,7 @@ def _blame(
         return (
             f"the corners do not fit a flat board in {' and '.join(bad)}: blurred, misread or bent"
         )
-    return f"left and right disagree ({rms(bundle, own):.2f} px): exposed at different moments?"
+    return (
+        f"left and right disagree ({rms(bundle, own):.2f} px): exposed at different moments, or a "
+        "camera moved?"
+    )

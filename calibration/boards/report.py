@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.boards.bundle import Lens
+from calibration.boards.target_shape import TargetShape
 from calibration.rig import StereoRig
 from calibration.suspicions import placement_suspicions
 
@@ -79,7 +80,8 @@ class CalibrationReport:
     those used, then those dropped.
     rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in
     the rig.
-    corners_left, corners_right: (n, 2) pixels of all corners used.
+    corners_left, corners_right: (n, 2) pixels of all corners used. shape: of the target, None of
+    too few views.
     """
 
     rig: StereoRig
@@ -90,6 +92,7 @@ class CalibrationReport:
     rms_right_px: float
     corners_left: Array
     corners_right: Array
+    shape: TargetShape | None = None
 
     @property
     def used(self) -> tuple[ViewReport, ...]:
@@ -128,6 +131,7 @@ class CalibrationReport:
     def verdict(self) -> tuple[Verdict, str]:
         """good, usable or do it again; and why, in one line."""
         focal_std, baseline_std = self.focal_std, float(self.lens.std[2]) / self.rig.baseline_m
+        bad_target = self.shape.text if self.shape else None
         rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
         figures = [
             (rows_px, MAX_ROW_ERROR_PX, f"vertical disparity {rows_px:.2f} px after rectification"),
@@ -135,14 +139,14 @@ class CalibrationReport:
             (
                 focal_std,
                 MAX_FOCAL_STD,
-                f"standard error of the focal length {focal_std:.2%}: take more views, and "
-                "tilt the target more",
+                f"standard error of the focal length {focal_std:.2%}: "
+                + (bad_target or "take more views, and tilt the target more"),
             ),
             (
                 baseline_std,
                 MAX_BASELINE_STD,
-                f"standard error of the baseline {baseline_std:.2%}: take more views, nearer, "
-                "with both cameras still",
+                f"standard error of the baseline {baseline_std:.2%}: "
+                + (bad_target or "take more views, nearer, with both cameras still"),
             ),
             (
                 -min(self.coverage),
@@ -193,6 +197,11 @@ class CalibrationReport:
             coverage
             + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
             *(f"suspicious: {text}" for text in placement_suspicions(rig)),
+            *(
+                [f"suspicious: {self.shape.text}: measure it both ways, and glue it flat"]
+                if self.shape and self.shape.text
+                else []
+            ),
             f"{verdict}: {why}",
         ]
 

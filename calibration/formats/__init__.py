@@ -348,7 +348,10 @@ def _readable(files: list[Path]) -> list[Section]:
 def _pair_of_paths(path: Path) -> tuple[Path, Path]:
     parts = str(path).split(",")
     if len(parts) == 2:
-        return Path(parts[0].strip()), Path(parts[1].strip())
+        left, right = (Path(part.strip()) for part in parts)
+        if left.absolute() == right.absolute():
+            raise CalibrationError(f"{path}: ROS stores a rig in two files: give two names")
+        return left, right
     if path.suffix:
         raise CalibrationError(
             f"{path}: ROS stores a rig in two files: give left.yaml,right.yaml or a folder"

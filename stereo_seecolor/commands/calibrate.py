@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.boards import printing
+from calibration.boards.mistaken_images import mistake_of
 from calibration.boards.report import CalibrationReport
 from calibration.boards.target_views import TargetView, detect_view
 from calibration.boards.targets import parse_target
 from calibration.calibrate import calibrate as fit_rig
+from calibration.errors import CalibrationError
 from calibration.formats import write_rig
 from calibration.rig import Medium
 from stereo_seecolor.checks.sample import evenly_spaced
@@ -27,6 +29,9 @@ MOST_FRAMES = 60
 """Most frames taken of videos, spread over them: neighboring frames show the target in nearly the
 same place.
 """
+
+MOST_TESTED = 10
+"""Most pairs searched for a mistake, where the pairs give no rig."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +75,14 @@ def calibrate(
     for view in options.compute.each(detect, pairs):
         options.listener.advance(FrameRow(view.name))
         views.append(view)
-    rig, report = fit_rig(views, board, medium)
+    try:
+        rig, report = fit_rig(views, board, medium)
+    except CalibrationError as error:
+        tested = evenly_spaced(pairs, MOST_TESTED)
+        images = [(read_image(pair.left), read_image(pair.right)) for pair in tested]
+        if mistake := mistake_of(images, board):
+            raise CalibrationError(f"{mistake} ({error})") from error
+        raise
     write_rig(rig, out)
     write_atomic(coverage, encode_image(report.coverage_picture(), "png"))
     return CalibrationResult(report, out, coverage)

@@ -229,6 +229,26 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 
 
+def test_convert_refuses_words_that_contradict_each_other(
+    cli: Cli, tmp_path: Path, board_pairs: tuple[Path, StereoRig]
+) -> None:
+    """Another size than the file's, one name for two files, and another format's ending."""
+    source = tmp_path / "rig.yaml"
+    write_rig(board_pairs[1], source)
+    one = tmp_path / "one.yaml"
+    for out, words, message in (
+        (tmp_path / "cam.yaml", ("--size", "1280x960"), "states images of 480x360 px"),
+        (f"{one},{one}", ("--to", "ros"), "give two names"),
+        (tmp_path / "cam.mat", (), "the native format ends in .yaml"),
+        (tmp_path / "cam.yaml", ("--to", "matlab"), "the matlab format ends in .mat"),
+    ):
+        code, _, said = cli("convert-calib", source, out, *words)
+        assert code == 1
+        assert message in said
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.yaml"]
+    assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "480x360")[0] == 0
+
+
 @pytest.mark.slow
 def test_check_refines_a_rig_that_has_moved(
     cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
@@ -288,3 +308,34 @@ def test_a_file_of_the_user_is_not_written_over(
     )
     assert [path.name for path in tmp_path.iterdir()] == [theirs.name]
     assert theirs.read_bytes() == b"the only calibration of a rig that is lost"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "axes", "named"),
+    [
+        ("chessboard:8x6:40mm", (), "the images show a chessboard of 7x5 inner corners, not 8x6"),
+        (TARGET, (1,), "the images of one side are mirrored"),
+        (TARGET, (0, 1), "the images of one side are turned by 180 degrees"),
+    ],
+)
+def test_calibrate_names_what_the_images_show_instead(
+    cli: Cli,
+    board_pairs: tuple[Path, StereoRig],
+    tmp_path: Path,
+    target: str,
+    axes: tuple[int, ...],
+    named: str,
+) -> None:
+    """Squares counted in place of corners, and one camera that mirrors or stands upside down."""
+    folder, _ = board_pairs
+    (tmp_path / "right").mkdir()
+    for image in (folder / "right").iterdir():
+        changed = np.flip(cv2.imread(str(image)), axes)
+        cv2.imwrite(str(tmp_path / "right" / image.name), changed)
+    sides = ("--left", folder / "left", "--right", tmp_path / "right")
+    out = tmp_path / "cam.yaml"
+    code, _, said = cli("calibrate", *sides, "--target", target, "--out", out)
+    assert code == 1
+    assert named in said
+    assert not out.exists()

@@ -144,7 +144,8 @@ def measure_white(
         if given is not None and patches and not patches.is_in_order:
             raise InputError(
                 f"{targets}: {one.frame}: {one.target}: its patches fit the published colors no "
-                "better than in random order: give the chart's corners in the documented order"
+                "better than in random order: check the type of the chart, and its corners: their "
+                "places, and the documented order"
             )
     matrix = camera_matrix([chart for chart in charts if chart])
     if isinstance(matrix, CameraMatrix):
