@@ -31,7 +31,7 @@ def north_east_from_degrees(
         np.asarray(longitude_deg, np.float64),
     )
     latitude_0 = np.radians(origin.latitude_deg)
-    d_longitude = np.radians((longitude - origin.longitude_deg + 180) % 360 - 180)
+    d_longitude = np.radians(within_180(longitude - origin.longitude_deg))
     meridian_m = (
         _SEMI_MAJOR_M * (1 - _ECCENTRICITY_SQUARED) / _flattened((latitude + latitude_0) / 2) ** 1.5
     )
@@ -41,11 +41,16 @@ def north_east_from_degrees(
     return np.stack([north, east], axis=-1)
 
 
+def within_180(angle_deg: ArrayLike) -> NDArray[np.float64]:
+    """The same angles from -180 up to, but not including, 180 degrees."""
+    return np.asarray((np.asarray(angle_deg, np.float64) + 180) % 360 - 180)
+
+
 def degrees_from_north_east(
     north_m: float, east_m: float, origin: GeoOrigin
 ) -> tuple[float, float]:
-    """Latitude and longitude of a point of a map: the inverse of ``north_east_from_degrees``, or of
-    the map's UTM zone.
+    """Latitude and longitude (-180 to 180) of a point of a map: the inverse of
+    ``north_east_from_degrees``, or of the map's UTM zone.
     """
     if origin.utm_epsg:
         import pyproj  # a map in UTM was made with it
@@ -61,7 +66,7 @@ def degrees_from_north_east(
         north, east = north_east_from_degrees(latitude_deg, longitude_deg, origin)
         latitude_deg += float(np.degrees((north_m - north) / radius_m))
         longitude_deg += float(np.degrees((east_m - east) / (radius_m * np.cos(latitude_0))))
-    return latitude_deg, longitude_deg
+    return latitude_deg, float(within_180(longitude_deg))
 
 
 def _flattened(latitude: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,7 +23,8 @@ class Component:
 
     frames: their numbers. T_local_camera: (N, 4, 4) of all of the survey's frames, valid for these.
     offset_m: (3,) of the local coordinates in the world: zero unless the world's are too large for
-    float32 (UTM). label: added to the messages of progress, "" for a survey in one component.
+    float32 (UTM; in z only depths of over a kilometer). label: added to the messages of progress,
+    "" for a survey in one component.
     """
 
     survey: Survey
@@ -41,6 +42,8 @@ class Component:
         offset_m = np.zeros(3)
         if np.abs(positions).max() > NEAR_M:
             offset_m = np.rint(np.median(positions, axis=0) / ORIGIN_STEP_M) * ORIGIN_STEP_M
+            if np.abs(positions[:, 2]).max() <= NEAR_M:
+                offset_m[2] = 0.0  # heights in rasters are the world's
         T[:, :3, 3] -= offset_m
         count = len(placement.sizes)
         return cls(

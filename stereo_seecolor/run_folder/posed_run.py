@@ -98,7 +98,7 @@ class PosedRun:
 
 def _poses(path: Path) -> NDArray[np.float64]:
     """The rows (N, 8) of a TUM file of the program's own. Raises OSError; ValueError for damage."""
-    lines = path.read_text(encoding="ascii").splitlines()
+    lines = path.read_text(encoding="utf-8").splitlines()
     rows = np.array([line.split() for line in lines if not line.startswith("#")], np.float64)
     if rows.ndim != 2 or rows.shape[1] != 8 or not np.isfinite(rows).all():
         raise ValueError("trajectory.tum contains no poses, or invalid rows")

@@ -82,6 +82,13 @@ def test_meters_north_and_east_heights_and_the_mount(tmp_path: Path) -> None:
     assert np.isnan(trajectory.timestamps_s).all()
 
 
+def test_heights_above_zero_stay_heights(tmp_path: Path) -> None:
+    """A lake, or heights above the ellipsoid."""
+    path = write(tmp_path, "t,n,e,h,psi\n1000,0,0,1501.5,0\n1001,1,0,1502,0\n", "nav.csv")
+    trajectory = read_trajectory(spec(path, "time=t,north=n,east=e,up=h,heading=psi"))
+    np.testing.assert_allclose(trajectory.T_world_camera[:, 2, 3], [1501.5, 1502])
+
+
 @pytest.mark.parametrize(
     "time",
     [

@@ -70,6 +70,17 @@ def test_utm_coordinates_give_the_same_map_with_its_offset_stated(tmp_path: Path
     assert [float(value) for value in written[1:4]] == pytest.approx([500_000, 8_000_000, 1.5])
 
 
+@pytest.mark.parametrize("depth_m", [80.0, 2000.0])
+def test_heights_of_the_terrain_are_the_worlds_in_utm(tmp_path: Path, depth_m: float) -> None:
+    """As they are where depths need no offset; else the file's band names it."""
+    build(tmp_path, moved((500_000.0, 8_000_000.0, -depth_m)))
+    offset_m = json.loads((tmp_path / "map.json").read_text())["offset_m"]
+    assert offset_m[2] == (0.0 if depth_m < 1000 else -depth_m)
+    with rasterio.open(tmp_path / "dem.tif") as file:
+        heights_m = file.read(1) + file.offsets[0]
+    assert np.nanmedian(heights_m) == pytest.approx(-depth_m, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

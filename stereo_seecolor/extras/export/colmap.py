@@ -26,25 +26,35 @@ PINHOLE = 1
 SEEN = np.dtype([("xy", "<f8", (2,)), ("point", "<u8")])
 """A point that an image sees, in a binary model."""
 
+WITHOUT_TEXT = (
+    "only the binary model: the text model ends names at a space, and names of these images hold "
+    "spaces"
+)
+
 PointTrack = list[tuple[int, int]]
 """The frames that see a point, counted from 1, and its place among what each of them sees."""
 
 
-def write(posed: PosedRun, folder: Path) -> None:
-    """``images/`` and ``sparse/0/`` with cameras, images and points3D, each as .txt and .bin."""
+def write(posed: PosedRun, folder: Path) -> str | None:
+    """``images/`` and ``sparse/0/`` with cameras, images and points3D, each as .txt and .bin; only
+    .bin, with a note, for names that text cannot hold.
+    """
     model = folder / "sparse" / "0"
     model.mkdir(parents=True)
     names = [image.name for image in write_images(posed.frames, folder)]
     observations = observe(posed)
     tracks = _tracks(observations)
-    (model / "cameras.txt").write_text(_camera_text(posed), encoding="utf-8")
-    (model / "images.txt").write_text(_images_text(posed, names, observations), encoding="utf-8")
-    (model / "points3D.txt").write_text(_points_text(observations, tracks), encoding="utf-8")
     (model / "cameras.bin").write_bytes(_camera_binary(posed))
     with (model / "images.bin").open("wb") as file:
         file.writelines(_images_binary(posed, names, observations))
     with (model / "points3D.bin").open("wb") as file:
         file.writelines(_points_binary(observations, tracks))
+    if any(" " in name for name in names):
+        return WITHOUT_TEXT
+    (model / "cameras.txt").write_text(_camera_text(posed), encoding="utf-8")
+    (model / "images.txt").write_text(_images_text(posed, names, observations), encoding="utf-8")
+    (model / "points3D.txt").write_text(_points_text(observations, tracks), encoding="utf-8")
+    return None
 
 
 def _camera_text(posed: PosedRun) -> str:

@@ -9,7 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.earth import degrees_from_north_east
+import numpy as np
+
+from stereo_seecolor.earth import degrees_from_north_east, within_180
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -89,14 +91,7 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
 def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
     """The collection of these items."""
     boxes = [one["bbox"] for one in items if "bbox" in one]
-    whole = (
-        [
-            *(min(box[k] for box in boxes) for k in (0, 1)),
-            *(max(box[k] for box in boxes) for k in (2, 3)),
-        ]
-        if boxes
-        else None
-    )
+    whole = _around(boxes) if boxes else None
     times = sorted(
         one["properties"][key] for one in items for key in ("start_datetime", "end_datetime")
     )
@@ -139,18 +134,29 @@ def _box(made: FinishedMap) -> list[float] | None:
         return None
     origin = made.origin
     places = [degrees_from_north_east(point.y_m, point.x_m, origin) for point in made.track]
-    latitudes, longitudes = [place[0] for place in places], [place[1] for place in places]
-    return [min(longitudes), min(latitudes), max(longitudes), max(latitudes)]
+    return _around([[longitude, latitude] * 2 for latitude, longitude in places])
+
+
+def _around(boxes: Sequence[Sequence[float]]) -> list[float]:
+    """The box around boxes that lie near each other; its east is less than its west if it crosses
+    the antimeridian (RFC 7946, 5.2).
+    """
+    west, south, east, north = np.array(boxes).T
+    from_first = west[0] + within_180(west - west[0])
+    low, high = from_first.min(), (from_first + (east - west) % 360).max()
+    return [float(within_180(low)), float(south.min()), float(within_180(high)), float(north.max())]
 
 
 def _polygon(box: Sequence[float]) -> dict[str, Any]:
+    """Two polygons if the box crosses the antimeridian (RFC 7946, 3.1.9)."""
     west, south, east, north = box
-    return {
-        "type": "Polygon",
-        "coordinates": [
-            [[west, south], [east, south], [east, north], [west, north], [west, south]]
-        ],
-    }
+    parts = [
+        [[[w, south], [e, south], [e, north], [w, north], [w, south]]]
+        for w, e in ([(west, east)] if west <= east else [(west, 180.0), (-180.0, east)])
+    ]
+    if len(parts) == 1:
+        return {"type": "Polygon", "coordinates": parts[0]}
+    return {"type": "MultiPolygon", "coordinates": parts}
 
 
 FORMAT = ExportFormat(

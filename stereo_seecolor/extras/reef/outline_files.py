@@ -176,7 +176,9 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
     place = np.array([posed.origin.longitude_deg, posed.origin.latitude_deg])
 
     def turn(ring: NDArray[np.float64]) -> Ring:
-        degrees = bool((np.abs(ring - place) < DEGREES_NEAR).all())
+        apart = np.abs(ring - place)
+        apart[:, 0] = np.minimum(apart[:, 0], np.abs(360 - apart[:, 0]))  # over the antimeridian
+        degrees = bool((apart < DEGREES_NEAR).all())
         if not named and not degrees:
             return np.asarray(ring - posed.offset_m[:2])
         x, y = pyproj.Transformer.from_crs(named or "OGC:CRS84", local, always_xy=True).transform(

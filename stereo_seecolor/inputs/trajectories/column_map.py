@@ -272,14 +272,12 @@ def _values(table: Table, columns: Mapping[str, str]) -> dict[str, Column]:
             values[role][_not_valid(table, columns)] = np.nan
     if "lat" in values:
         _check_degrees(table, values)
-    if "depth" in columns or "up" in columns:
-        depth_m = (
-            _numbers(table, columns, "depth")
-            if "depth" in columns
-            else -_numbers(table, columns, "up")
-        )
+    if "depth" in columns:
+        depth_m = _numbers(table, columns, "depth")
         reversed_ = (depth_m <= 0).any() and not (depth_m > 0).any()
         values["depth"] = -depth_m if reversed_ else depth_m
+    elif "up" in columns:
+        values["depth"] = -_numbers(table, columns, "up")
     return _in_units_of_mavlink(table, columns, values)
 
 

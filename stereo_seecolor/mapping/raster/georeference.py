@@ -12,6 +12,8 @@ from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.records import GeoOrigin
 
+HEIGHTS = "height_m"
+"""Description of a band of heights, which are in the map's own coordinates."""
 NORTH, SOUTH = 32600, 32700
 """EPSG numbers of WGS 84's UTM zones, less the zone."""
 CHUNK = 1_000_000
@@ -159,6 +161,10 @@ def write_geotiff(
                 file.set_band_description(band, description)
                 if description.endswith("_m"):
                     file.set_band_unit(band, "m")
+            if (
+                HEIGHTS in descriptions and place.offset_m[2]
+            ):  # of a map deep in the sea: GDAL and QGIS add it
+                file.offsets = [float(place.offset_m[2]) * (d == HEIGHTS) for d in descriptions]
         factors = [f for f in (2, 4, 8, 16, 32) if min(grid.shape) // f >= 128]
         if factors:
             with rasterio.open(temporary, "r+") as file:

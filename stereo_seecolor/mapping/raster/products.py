@@ -88,7 +88,7 @@ def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterat
     if georeference.available():
         write = georeference.write_geotiff
         works += [
-            partial(write, folder / "dem.tif", rasters.terrain, place, ("height_m",)),
+            partial(write, folder / "dem.tif", rasters.terrain, place, (georeference.HEIGHTS,)),
             partial(write, folder / "orthomosaic.tif", rasters.mosaic, place),
             partial(write, folder / "gaps.tif", rasters.gaps, place, ("reason",)),
             partial(

@@ -5,11 +5,13 @@ import json
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import yaml
 from mapping_scene import PAIR, flat_frames, track, write_map
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +22,7 @@ from stereo_seecolor.earth import (
     north_east_from_degrees,
 )
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.extras.export import copc_file, mosaic_tiles
+from stereo_seecolor.extras.export import copc_file, mosaic_tiles, stac
 from stereo_seecolor.extras.export.command import export, export_formats
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.streams import recording
@@ -50,6 +52,25 @@ def test_the_run_is_left_as_it_is(fused: Path, tmp_path: Path, format: str) -> N
         path.stat().st_size for path in (tmp_path / "to").rglob("*") if path.is_file()
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["to"]
+
+
+def test_names_of_frames_are_in_any_language(fused: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(fused, out)
+    track = out / "map" / "trajectory.tum"
+    track.write_text(track.read_text(encoding="utf-8") + "# récif\n", encoding="utf-8")
+    assert len(open_posed_run(out).frames) == FRAMES
+
+
+def test_a_colmap_model_of_names_with_spaces_is_only_binary(tmp_path: Path) -> None:
+    import pycolmap
+
+    frames = [replace(frame, name=f"dive {i}") for i, frame in enumerate(flat_frames(2))]
+    note = export(write_map(tmp_path / "out", frames), "colmap", tmp_path / "to").note
+    assert "names of these images hold spaces" in note
+    model = pycolmap.Reconstruction(tmp_path / "to" / "sparse" / "0")
+    assert {image.name for image in model.images.values()} == {"dive 0.png", "dive 1.png"}
+    assert not list((tmp_path / "to" / "sparse" / "0").glob("*.txt"))
 
 
 @pytest.mark.slow
@@ -267,6 +288,57 @@ def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
     assert item.id == "out" and item.bbox == pytest.approx([152.0, -23.5, 152.0, -23.5], abs=1e-4)
     assert all((tmp_path / "to" / asset.href).is_file() for asset in item.assets.values())
     assert "map/dem.tif" in item.assets and item.common_metadata.start_datetime is not None
+
+
+def at_the_antimeridian(fused: Path, out: Path) -> Path:
+    """A copy of the run whose track lies on both sides of the antimeridian."""
+    on_earth(fused, out)
+    track = open_posed_run(out).map.track
+    middle_m = (min(point.x_m for point in track) + max(point.x_m for point in track)) / 2
+    description = json.loads((out / "map" / "map.json").read_text())
+    start = degrees_from_north_east(0.0, -middle_m, GeoOrigin(-17.5, 180.0))
+    description["origin"] = {"latitude_deg": -17.5, "longitude_deg": start[1] % 360}
+    (out / "map" / "map.json").write_text(json.dumps(description))
+    return out
+
+
+def test_longitudes_end_at_the_antimeridian(fused: Path, tmp_path: Path) -> None:
+    out = at_the_antimeridian(fused, tmp_path / "out")
+    export(out, "biigle", tmp_path / "biigle")
+    export(out, "ifdo", tmp_path / "ifdo")
+    rows = csv.DictReader((tmp_path / "biigle" / "metadata.csv").read_text().splitlines())
+    document = yaml.safe_load((tmp_path / "ifdo" / "image-set.ifdo.yaml").read_text())
+    for longitudes in (
+        [float(row["lng"]) for row in rows],
+        [item["image-longitude"] for item in document["image-set-items"].values()],
+    ):
+        assert min(longitudes) < -179.9999 and max(longitudes) > 179.9999
+        assert all(-180 <= longitude <= 180 for longitude in longitudes)
+
+
+def test_a_catalog_box_crosses_the_antimeridian(fused: Path, tmp_path: Path) -> None:
+    export(at_the_antimeridian(fused, tmp_path / "out"), "stac", tmp_path / "to")
+    item = json.loads((tmp_path / "to" / "out.json").read_text())
+    whole = json.loads((tmp_path / "to" / "collection.json").read_text())
+    (box,) = whole["extent"]["spatial"]["bbox"]
+    west, south, east, north = item["bbox"]
+    assert 179.9999 < west < 180 and -180 < east < -179.9999 and south <= north
+    assert box == pytest.approx(item["bbox"], abs=1e-9)
+    halves = item["geometry"]["coordinates"]
+    assert item["geometry"]["type"] == "MultiPolygon" and len(halves) == 2
+    for (ring,), ends in zip(halves, [(west, 180.0), (-180.0, east)], strict=True):
+        assert {place[0] for place in ring} == set(ends)
+
+
+def test_the_box_around_dives_is_the_smallest() -> None:
+    def box(*boxes: list[float]) -> object:
+        times = {"start_datetime": "2026-01-01", "end_datetime": "2026-01-02"}
+        items = [{"id": f"{i}", "bbox": one, "properties": times} for i, one in enumerate(boxes)]
+        return stac.collection(items, "dives")["extent"]["spatial"]["bbox"][0]
+
+    assert box([170, 0, 171, 1], [-171, -2, -170, 0]) == [170, -2, -170, 1]
+    assert box([179, 0, -179, 1], [170, 0, 171, 1]) == [170, 0, -179, 1]
+    assert box([10, 0, 11, 1], [-20, 5, -19, 6]) == [-20, 0, 11, 6]
 
 
 @pytest.mark.parametrize("latitude_deg", [-60.0, 0.0, 23.0, 75.0])

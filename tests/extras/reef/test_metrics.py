@@ -583,6 +583,19 @@ def test_geojson_in_meters_degrees_or_a_named_system_is_the_same_outline(
         assert (outline.name, outline.label) == ("1", "a")
 
 
+def test_degrees_without_a_system_are_recognized_across_the_antimeridian(
+    fused: Path, tmp_path: Path
+) -> None:
+    posed = georeferenced(fused)
+    posed = replace(posed, map=replace(posed.map, origin=GeoOrigin(-18.5, 179.9999)))
+    degrees = [
+        list(degrees_from_north_east(y + 200, x + 100, posed.origin))[::-1] for x, y in SQUARE
+    ]
+    assert all(longitude < -179 for longitude, _ in degrees)
+    (outline,) = read_outlines(write_geojson(tmp_path / "d.json", {"a": degrees}), posed)
+    np.testing.assert_allclose(outline.rings[0][:4], SQUARE, atol=2e-3)
+
+
 def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path: Path) -> None:
     import rasterio
 
