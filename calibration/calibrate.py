@@ -1,6 +1,7 @@
 """Image pairs of a target -> StereoRig and CalibrationReport."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -60,8 +61,11 @@ def calibrate(
         )
         scores.append(_cross_validate(fits[-1], kept, target))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
-        shape = target_shape(bundle, observations_of(kept, target), target)
-        widened = _with_shape(_with_choice_of_lens(score, scores), shape)
+        widened = _with_choice_of_lens(score, scores)
+        # views that give no rig give no shape either, and are refused below
+        with suppress(np.linalg.LinAlgError):
+            shape = target_shape(bundle, observations_of(kept, target), target)
+            widened = _with_shape(widened, shape)
         scores = [widened if other is score else other for other in scores]
         score = widened
     try:
