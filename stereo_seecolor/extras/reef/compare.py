@@ -58,9 +58,9 @@ def compare(
             "--joint writes the track of the second dive: give --out, a new or empty folder"
         )
     a, b = open_site(first), open_site(second)
-    _refuse_other_voxels(a, b)
     cell_m = max(site.posed.map.cell_m["dem_m"] for site in (a, b))
     change = compare_sites(a, b, cell_m, calibration_std(open_run(first)).total)
+    _refuse_other_voxels(a, b)  # of one site
     if folder is None:
         return Comparison(change, ())
     track = joint_track(a, b, change.registration, Threads(cores())) if joint else None
