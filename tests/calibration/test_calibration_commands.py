@@ -229,6 +229,7 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 
 
+@pytest.mark.slow
 def test_convert_refuses_words_that_contradict_each_other(
     cli: Cli, tmp_path: Path, board_pairs: tuple[Path, StereoRig]
 ) -> None:

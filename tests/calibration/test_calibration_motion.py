@@ -97,6 +97,7 @@ def noisy_dive(seed: int, noise_px: float, points: int = 100) -> list[SeenTwice]
     return seen
 
 
+@pytest.mark.slow
 def test_noise_of_disparities_is_no_offset() -> None:
     """Over low relief noise of half a pixel looks like an offset of two."""
     dives = [noisy_dive(seed, 0.5) for seed in range(6)]

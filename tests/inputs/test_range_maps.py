@@ -327,6 +327,7 @@ def test_an_exr_is_refused_by_its_header(tmp_path: Path) -> None:
         read_range_map(tmp_path / "a.exr")
 
 
+@pytest.mark.slow
 def test_an_npz_is_refused_by_what_its_directory_states(tmp_path: Path) -> None:
     """A megabyte of zeros was unpacked to gigabytes."""
     zeros = bytes(1 << 20)

@@ -595,6 +595,7 @@ def test_changes_change_what_they_say_and_no_more() -> None:
     assert inverse(T_SECOND) @ T_SECOND == pytest.approx(np.eye(4))
 
 
+@pytest.mark.slow
 def test_maps_of_other_voxels_are_refused(
     dives: tuple[Path, Path, Reef, Reef], monkeypatch: pytest.MonkeyPatch
 ) -> None:
