@@ -163,6 +163,10 @@ def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.floa
     return values[::-1].astype(np.float32)
 
 
+def _not_read(path: Path, channels: int, width: int, height: int) -> InputError:
+    return InputError(f"{path}: claims {channels} channels of {width}x{height} pixels: not read")
+
+
 def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
     try:
         import OpenEXR
@@ -177,9 +181,7 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
             width, height = (int(b) - int(a) + 1 for a, b in zip(first, last, strict=True))
             count = len(file.header()["channels"])
         if min(width, height) < 1 or width * height * count > 4 * MAX_PIXELS:
-            raise InputError(
-                f"{path}: claims {count} channels of {width}x{height} pixels: not read"
-            )
+            raise _not_read(path, count, width, height)
         with OpenEXR.File(io.BytesIO(content), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
@@ -213,10 +215,7 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with memory.open(driver="GTiff") as file:
                 if file.count > 1 or file.width * file.height > MAX_PIXELS:
-                    raise InputError(
-                        f"{path}: claims {file.count} channels of {file.width}x{file.height} "
-                        "pixels: not read"
-                    )
+                    raise _not_read(path, file.count, file.width, file.height)
                 values: NDArray[Any] = file.read(1)
                 unknown = file.nodata
     except RasterioError as error:

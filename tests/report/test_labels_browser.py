@@ -96,6 +96,18 @@ def test_random_points_beside_the_page_are_found_in_another_browser(
     assert measure(out, out / "measures.json") == []
 
 
+def measure_points(page: Page, *places: float) -> None:
+    """Measure points of the mosaic, from 0 to 1 of its width, at half of its height."""
+    page.get_by_role("button", name="Mosaic", exact=True).click()
+    until_drawn(page)
+    stop_clock(page)
+    page.get_by_role("button", name="Point", exact=True).click()
+    for number, x in enumerate(places, start=1):
+        box = box_of(page.locator(".map-stage"))
+        page.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
+        expect(page.locator("#map .measures tbody tr")).to_have_count(number)
+
+
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
 def test_labels_that_are_typed_one_after_the_other_all_stay(
     new_context: Callable[..., BrowserContext], mapped: Path, width: int, height: int
@@ -103,14 +115,7 @@ def test_labels_that_are_typed_one_after_the_other_all_stay(
     """By mouse from field to field, by Tab, and without leaving the last field."""
     page = new_context(width, height).new_page()
     page.goto(f"{(mapped / 'index.html').as_uri()}#map")
-    page.get_by_role("button", name="Mosaic", exact=True).click()
-    until_drawn(page)
-    stop_clock(page)
-    page.get_by_role("button", name="Point", exact=True).click()
-    for number, x in enumerate((0.4, 0.5, 0.6), start=1):
-        box = box_of(page.locator(".map-stage"))
-        page.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
-        expect(page.locator("#map .measures tbody tr")).to_have_count(number)
+    measure_points(page, 0.4, 0.5, 0.6)
     for number in (1, 2, 3):
         box = box_of(page.get_by_label(f"Label of measurement {number}", exact=True))
         page.mouse.click(box["x"] + 10, box["y"] + box["height"] / 2)
@@ -131,14 +136,7 @@ def test_labels_that_are_typed_one_after_the_other_all_stay(
 def test_a_button_beside_a_field_is_pressed_by_the_click_that_leaves_the_field(
     on_map: Page,
 ) -> None:
-    on_map.get_by_role("button", name="Mosaic", exact=True).click()
-    until_drawn(on_map)
-    stop_clock(on_map)
-    on_map.get_by_role("button", name="Point", exact=True).click()
-    for number, x in enumerate((0.4, 0.6), start=1):
-        box = box_of(on_map.locator(".map-stage"))
-        on_map.mouse.click(box["x"] + box["width"] * x, box["y"] + 0.5 * box["height"])
-        expect(on_map.locator("#map .measures tbody tr")).to_have_count(number)
+    measure_points(on_map, 0.4, 0.6)
     on_map.get_by_label("Label of measurement 1", exact=True).click()
     on_map.keyboard.type("Rock")
     on_map.get_by_role("button", name="Delete measurement 2").click()

@@ -57,9 +57,9 @@ def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
     both = [pair for pair in permutations(pictures, 2) if _are_sides(*pair)]
     if both:
         left, right = max(both, key=lambda pair: (_has_info(bag, *pair), *_preference(*pair)))
-        rigs = {tuple(_camera(left.name)): left.name for left, _ in reversed(both)}
-        others = (name for camera, name in rigs.items() if camera != tuple(_camera(left.name)))
-        return SideTopics(left, right, others=tuple(sorted(others)))
+        rigs = {tuple(_camera(one.name)): one.name for one, _ in reversed(both)}
+        rigs.pop(tuple(_camera(left.name)))
+        return SideTopics(left, right, others=tuple(sorted(rigs.values())))
     if len(pictures) == 2:
         return SideTopics(pictures[0], pictures[1], guessed=True)
     raise InputError(
