@@ -61,7 +61,9 @@ def _unfinished(path: Path) -> str:
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
-            while place < size and len(boxes) < MOST_BOXES:
+            for _ in range(MOST_BOXES):
+                if place >= size:
+                    break
                 file.seek(place)
                 length, name, long = struct.unpack(">I4sQ", file.read(16).ljust(16, b"\0"))
                 boxes.add(name)

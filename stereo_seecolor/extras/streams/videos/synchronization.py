@@ -189,6 +189,10 @@ def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
     if min(_usual(left), _usual(right)) < LIMITS.still:
         return None
     times, motions = (left.motion_times_s, right.motion_times_s), (left.motion, right.motion)
+    return _lag(times, motions)
+
+
+def _lag(times: tuple[Array, Array], motions: tuple[Array, Array]) -> Lag | None:
     coarse = coarse_lag(times, motions)
     return fine_lag(times, motions, coarse) if coarse else None
 
@@ -207,8 +211,7 @@ def _refuse_lost_frames(
     found = []
     for half in (slice(None, middle), slice(middle, None)):
         part = (times[0][half], times[1]), (motion[0][half], motion[1])
-        coarse = coarse_lag(*part) if middle else None
-        lag = fine_lag(*part, coarse) if coarse else None
+        lag = _lag(*part) if middle else None
         if lag is None:
             return
         found.append(lag)
