@@ -32,6 +32,7 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
     offsets_about,
 )
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
+from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config.file import load_config
@@ -166,9 +167,12 @@ def half_light(name: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DrawnDive:
-    """The sample dive at half its size, its frames darkened by (12,) log_gains."""
+    """The sample dive at half its size, its frames darkened by (12,) log_gains; in sRGB or linear
+    light.
+    """
 
     log_gains: NDArray[np.float64]
+    is_linear: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -177,10 +181,14 @@ class DrawnDive:
     def read(self, name: str) -> tuple[Image, Map]:
         light = half_light(name) * np.exp(self.log_gains[self.names.index(name)])
         range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")[::2, ::2]
-        return np.round(255 * encode_srgb(light)).astype(np.uint8), np.ascontiguousarray(range_m)
+        values = light if self.is_linear else encode_srgb(light)
+        return np.round(255 * values).astype(np.uint8), np.ascontiguousarray(range_m)
 
     def light(
-        self, recorded: NDArray[np.float64], blank: tuple[int, ...] = ()
+        self,
+        recorded: NDArray[np.float64],
+        blank: tuple[int, ...] = (),
+        encoding: InputEncoding = "srgb",
     ) -> SurveyLight | None:
         """What is found where the camera recorded exposures of the logarithms ``recorded``;
         ``blank`` frames have no ranges.
@@ -190,7 +198,7 @@ class DrawnDive:
             (name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)
         ]
         return (
-            LightSearch(frames, lambda read: read(), captures, HALF, "srgb", Threads(2))
+            LightSearch(frames, lambda read: read(), captures, HALF, encoding, Threads(2))
             .solve(ALL)
             .light
         )
@@ -322,7 +330,22 @@ def test_records_that_are_read_wrongly_are_named(
 ) -> None:
     true = np.random.default_rng(7).normal(0, 0.4, FRAMES)
     reading = misread(chained(true, 0.02).parts, altered(true))
-    assert reading == (f"read {said} they would explain the differences" if said else "")
+    whole = f"read {said} they would explain the differences: correct the table"
+    assert reading == (whole if said else "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_linear", [True, False])
+@pytest.mark.parametrize("read_as", ["srgb", "linear"])
+def test_records_of_a_dive_in_the_other_encoding_are_not_used(
+    is_linear: bool, read_as: InputEncoding
+) -> None:
+    true, encoding = exposures(), "linear" if is_linear else "srgb"
+    found = DrawnDive(true, is_linear).light(true, encoding=read_as)
+    assert found is not None
+    assert found.recorded == (read_as == encoding)
+    said = f"with color.input_encoding={encoding} they would explain the differences"
+    assert found.note.endswith(said) == (read_as != encoding)
 
 
 def test_exposures_longer_than_the_time_between_frames_and_few_names_are_said() -> None:
