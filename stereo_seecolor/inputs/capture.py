@@ -3,7 +3,6 @@ image keeps.
 """
 
 import re
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -12,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from PIL import ExifTags, Image
 
+from calibration.quiet import ignored_warnings
 from stereo_seecolor.files.image_headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import Capture
 
@@ -51,8 +51,7 @@ def _from_exif(content: bytes, read: Callable[[Image.Exif], _Found], otherwise: 
     """
     if not (block := exif_block(content)):
         return otherwise
-    with suppress(Exception), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+    with suppress(Exception), ignored_warnings():  # of damaged tags
         exif = Image.Exif()
         exif.load(EXIF_PREFIX + block)
         return read(exif)

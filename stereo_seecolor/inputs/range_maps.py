@@ -3,7 +3,6 @@
 import io
 import re
 import struct
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
+from calibration.quiet import ignored_warnings
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.camera_images import MAX_PIXELS, decode_raw
 from stereo_seecolor.files.image_headers import (
@@ -204,16 +204,17 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
     """By GDAL; a value that the file declares as unknown becomes 0."""
     try:
         import rasterio
-        from rasterio.errors import RasterioError
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
     except ImportError as error:
         raise InputError(
             f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'"
         ) from error
 
     try:
-        with warnings.catch_warnings(), rasterio.MemoryFile(content) as memory:
-            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with memory.open(driver="GTiff") as file:
+        with rasterio.MemoryFile(content) as memory:
+            with ignored_warnings(NotGeoreferencedWarning):
+                file = memory.open(driver="GTiff")
+            with file:
                 if file.count > 1 or file.width * file.height > MAX_PIXELS:
                     raise _not_read(path, file.count, file.width, file.height)
                 values: NDArray[Any] = file.read(1)
