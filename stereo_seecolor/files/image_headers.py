@@ -10,6 +10,9 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8"
@@ -28,6 +31,21 @@ TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a ma
 TIFF_COMPRESSION, TIFF_UNCOMPRESSED = 259, 1
 JPEG_FRAMES = frozenset(range(0xFFC0, 0xFFD0)) - {0xFFC4, 0xFFC8, 0xFFCC}
 """Markers before the size of a JPEG (ITU T.81, table B.1)."""
+
+MAX_PIXELS = 150_000_000
+"""The largest cameras have as many; more is a damaged header."""
+
+
+def refuse_large(path: Path, width: int, height: int, channels: int = 1) -> None:
+    """Raise InputError for a size that no camera has: a small file may claim, and hold, gigabytes.
+
+    Up to four channels count as one.
+    """
+    if width * height * max(channels, 4) > 4 * MAX_PIXELS:
+        raise InputError(
+            f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not "
+            "read"
+        )
 
 
 def image_size(content: bytes) -> tuple[int, int]:

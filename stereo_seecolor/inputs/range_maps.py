@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.camera_images import MAX_PIXELS, decode_raw
+from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.files.image_headers import (
+    MAX_PIXELS,
     TIFF_COMPRESSION,
     TIFF_SIGNATURES,
     TIFF_UNCOMPRESSED,
+    refuse_large,
     tiff_numbers,
 )
 from stereo_seecolor.files.raw_arrays import PARSING
@@ -163,10 +165,6 @@ def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.floa
     return values[::-1].astype(np.float32)
 
 
-def _not_read(path: Path, channels: int, width: int, height: int) -> InputError:
-    return InputError(f"{path}: claims {channels} channels of {width}x{height} pixels: not read")
-
-
 def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
     try:
         import OpenEXR
@@ -180,8 +178,7 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
             first, last = file.header()["dataWindow"]
             width, height = (int(b) - int(a) + 1 for a, b in zip(first, last, strict=True))
             count = len(file.header()["channels"])
-        if min(width, height) < 1 or width * height * count > 4 * MAX_PIXELS:
-            raise _not_read(path, count, width, height)
+        refuse_large(path, width, height, count)
         with OpenEXR.File(io.BytesIO(content), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
@@ -214,9 +211,8 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
         with warnings.catch_warnings(), rasterio.MemoryFile(content) as memory:
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with memory.open(driver="GTiff") as file:
-                if file.count > 1 or file.width * file.height > MAX_PIXELS:
-                    raise _not_read(path, file.count, file.width, file.height)
-                values: NDArray[Any] = file.read(1)
+                refuse_large(path, file.width, file.height, file.count)
+                values: NDArray[Any] = np.moveaxis(file.read(), 0, -1)
                 unknown = file.nodata
     except RasterioError as error:
         raise InputError(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.files.camera_images import MAX_PIXELS
+from stereo_seecolor.files.image_headers import refuse_large
 from stereo_seecolor.files.whole_files import special_kind
 
 SOUND_RATE_HZ = 8000
@@ -89,8 +89,7 @@ def video_stream(container: Any, path: Path) -> Any:
         raise InputError(f"{path}: holds no video frames")
     if stream.codec_context is None:
         raise InputError(f"{path}: FFmpeg does not know the codec of its frames")
-    if stream.width * stream.height > MAX_PIXELS:
-        raise InputError(f"{path}: claims pictures of {stream.width}x{stream.height} px: not read")
+    refuse_large(path, stream.width, stream.height)
     stream.thread_type = "AUTO"
     return stream
 
