@@ -10,9 +10,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def printable(text: str) -> str:
-    """``text`` as valid UTF-8 on one line: control characters, and bytes of file names that are not
-    UTF-8, become %XX.
-    """
+    """``text`` as one line of valid UTF-8: control characters and other bytes become %XX."""
     return _NOT_PRINTABLE.sub(lambda match: _percent(match[0]), text)
 
 

@@ -1,6 +1,4 @@
-"""The native ``cam.yaml``: one file for a rig, versioned, in meters, with all conventions
-stated.
-"""
+"""The native ``cam.yaml``: one versioned file for a rig, in meters, with its conventions."""
 
 from dataclasses import asdict
 from pathlib import Path

@@ -31,9 +31,7 @@ INTO_CAMERA = "the poses of the two cameras map into their axes"
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
-"""A size whose middle is this much nearer to the principal point with its numbers exchanged is
-(rows, columns).
-"""
+"""A size whose middle is nearer by this to the exchanged principal point is (rows, columns)."""
 SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
@@ -226,9 +224,7 @@ def size_of(
 
 
 def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
-    """The camera models that the file can mean: four coefficients without a model's name are k1 k2
-    p1 p2 or a fisheye's.
-    """
+    """The models that the file can mean: four coefficients alone are k1 k2 p1 p2 or a fisheye's."""
     named = {
         str(text).lower().replace("_", "")
         for said, text in texts(document.content)

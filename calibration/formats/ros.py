@@ -65,9 +65,7 @@ def parse_camera(section: Section) -> Camera:
 
 
 def check_sides_named(rig: StereoRig, names: list[str]) -> None:
-    """Raise CalibrationError if the second camera stands to the left of the first, and their names
-    say so too.
-    """
+    """Raise CalibrationError if the second camera stands left of the first, as their names say."""
     named_so = "right" in names[0].lower() and "left" in names[1].lower()
     if named_so and is_backward(rig.T_right_left):
         raise CalibrationError(

@@ -22,9 +22,7 @@ green. Fitted, medians of dives: at most 0.28; with ranges 4 times too short in 
 0.85. Light of lamps beside the camera crosses the water twice: up to twice as much.
 """
 LAMPS_FALL_OFF = 2.0
-"""Power of the range by which the light of a lamp beside the camera falls off; less where the sun
-takes part.
-"""
+"""Power of the range by which a lamp's light falls off; less where the sun takes part."""
 LEAST_RED_TO_GREEN = 0.8
 """Of attenuation: 1.26 and more in rendered waters of three kinds; with inverse ranges (60 / range)
 in clear water 0.69. Inverse ranges that look like meters (2 / range) have 0.85 to 1.5: the maps
@@ -81,9 +79,7 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
 
 
 def _attenuation(water: Water) -> NDArray[np.float64]:
-    """(3,) 1/m at the water's typical range; NaN where that is not known, and for gray images,
-    whose channels are alike.
-    """
+    """(3,) 1/m at the water's typical range; NaN where not known, and for gray images."""
     if not water.typical_range_m:
         return np.full(3, np.nan)
     rates = -np.log(water.attenuation(np.array(water.typical_range_m))) / water.typical_range_m

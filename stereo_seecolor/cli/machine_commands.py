@@ -51,9 +51,7 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
 
 
 def _state(finding: "Finding") -> str:
-    """The state of a part in one word: ok, MISSING, or optional for a missing part that a run does
-    not need.
-    """
+    """The state of a part: ok, MISSING, or optional for one that a run does not need."""
     if finding.ok:
         return "ok"
     return "MISSING" if finding.needed else "optional"

@@ -216,9 +216,7 @@ def _refuse_equal_names(pairing: Pairing) -> None:
 
 
 def calibration_files(calib: str | Path) -> Iterator[Path]:
-    """Every file that a calibration may be read from: those that it names, and those in a folder
-    that it names.
-    """
+    """Every file that a calibration may be read from: named ones, and those in named folders."""
     for place in (Path(part) for part in str(calib).split(",") if part):
         yield place
         if place.is_dir():

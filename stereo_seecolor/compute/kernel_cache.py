@@ -32,9 +32,7 @@ from platformdirs import user_cache_path
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""numba's options for all functions. Without wrappers that nobody calls, compilation takes a
-seventh less time.
-"""
+"""numba's options for all functions; no unused wrappers: compilation is a seventh shorter."""
 INSTALLATIONS_KEPT = 16
 """Folders kept, one for each installation of this user: some 10 MB each."""
 TAG, TAG_CONTENT = (
@@ -135,9 +133,7 @@ def is_missing(found: Any) -> bool:
 
 
 class _WithoutGarbage(event.Listener):
-    """Stops Python's search for garbage while something is compiled: it takes a tenth to a sixth of
-    numba's time.
-    """
+    """Stops garbage collection during compilation, of whose time it takes a tenth to a sixth."""
 
     def __init__(self) -> None:
         self._depth, self._collects = 0, False
@@ -313,9 +309,7 @@ def _private(folder: Path) -> bool:
 
 
 def _make(folder: Path) -> bool:
-    """Make an installation's folder with its tag where there is none, and remove those that were
-    not used for longest.
-    """
+    """Make a tagged folder of an installation where there is none; remove those longest unused."""
     with contextlib.suppress(OSError):  # of a read-only disk: what is there can be loaded
         if not folder.is_dir():
             folder.mkdir()

@@ -251,9 +251,7 @@ def _read(path: Path) -> _Content:
 
 
 def _parsed(text: str) -> Any:
-    """The content of JSON or YAML text. JSON is tried first: the run.json of a long dive would take
-    minutes as YAML.
-    """
+    """The content of JSON or YAML. JSON first: run.json of a long dive takes minutes as YAML."""
     try:
         return load_json(text)
     except TooMuchError:
@@ -293,9 +291,7 @@ def flat(content: _Content, prefix: str = "") -> _Content:
 
 
 def _origin(layers: Sequence[_Layer], key: Sequence[str]) -> str | None:
-    """The origin of the last layer that holds the key, or a value in place of one of its sections;
-    None for none.
-    """
+    """The origin of the last layer that holds the key, or overwrites a section of it; or None."""
     return next((layer.origin for layer in reversed(layers) if _holds(layer.content, key)), None)
 
 

@@ -107,9 +107,7 @@ class DeviceMatcher(Matcher):
         return shrink(image, self._scale).cpu().numpy().astype(np.uint16)
 
     def _search(self, left: Tensor, right: Tensor) -> tuple[sgm.FoundDisparities, float]:
-        """The search at reduced size, then in bands around what it found; and the fraction known at
-        reduced size.
-        """
+        """The search at reduced size, then in bands around it; and the fraction known there."""
         lowest, highest = self._lowest // self._scale, -(-self._highest // self._scale)
         small_left, small_right = (shrink(image, self._scale) for image in (left, right))
         everywhere = Band.everywhere((small_left.shape[0], small_left.shape[1]), lowest, highest)

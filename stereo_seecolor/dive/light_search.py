@@ -52,9 +52,7 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class LightSegments:
-    """Frames that are examined together, as one piece of work. Results do not depend on where the
-    dive is cut.
-    """
+    """Frames examined together, as one piece of work; where the dive is cut changes no result."""
 
     frames: int = 64
     """A segment begins with four frames of the one before, which are examined twice. Some five
@@ -72,9 +70,7 @@ class LightSegments:
 
 SEGMENTS = LightSegments()
 MOST_SHADED = 100_000
-"""Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again
-to solve it.
-"""
+"""Most frames examined for shading: 100 MB for parts of images, and as much to solve it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,9 +281,7 @@ def is_short(frames: int) -> bool:
 
 
 def sampled_frames(frames: int) -> list[int]:
-    """Numbers of the frames from which the pattern is solved: all of a short dive, segments spread
-    over a long one.
-    """
+    """Numbers of the frames from which the pattern is solved: all, or segments of a long dive."""
     if is_short(frames):
         return list(range(frames))
     starts = np.linspace(0, frames - SAMPLE.segment, SAMPLE.most_frames // SAMPLE.segment).astype(

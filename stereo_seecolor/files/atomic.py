@@ -173,9 +173,7 @@ def files_below(folder: Path) -> Iterable[Path]:
 
 
 def remove(path: Path) -> None:
-    """Delete a temporary file or folder as far as it can be: an error here must not hide the one
-    that led here.
-    """
+    """Delete a temporary file or folder if it can be: errors here must not hide the first one."""
     with contextlib.suppress(OSError):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)

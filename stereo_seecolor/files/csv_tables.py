@@ -1,6 +1,4 @@
-"""Tables as CSV: unknown values are written as empty cells; reading names the line that cannot be
-used.
-"""
+"""Tables as CSV: unknown values are empty cells; reading names the unusable line."""
 
 import csv
 import io

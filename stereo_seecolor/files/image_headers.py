@@ -223,9 +223,7 @@ def tiff_numbers(content: bytes) -> dict[int, int]:
 
 
 def tiff_pages(content: bytes) -> int:
-    """The number of pictures of a TIFF: previews and masks are left out. Of one that is cut, those
-    before that.
-    """
+    """The number of pictures of a TIFF, without previews and masks; of a cut one, those before."""
     count, seen = 0, set()
     try:
         (directory,) = struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)

@@ -1,6 +1,4 @@
-"""How a dive's images store their pixels: color filter patterns of raw cameras, and 10, 12 or 14
-bits unshifted.
-"""
+"""How images store pixels: color filter patterns, and 10, 12 or 14 bits unshifted."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress

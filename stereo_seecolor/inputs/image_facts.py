@@ -1,6 +1,4 @@
-"""The kind of image that a file holds, as far as its pixels tell: bits, color filter pattern,
-brightness.
-"""
+"""The kind of image that a file holds, by its pixels: bits, color filter, brightness."""
 
 from dataclasses import dataclass
 from pathlib import Path

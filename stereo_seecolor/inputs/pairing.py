@@ -1,6 +1,4 @@
-"""Pairing: which file of the left folder belongs to which of the right one, and which files belong
-to none.
-"""
+"""Pairing: which left file belongs to which right one, and which files belong to none."""
 
 from array import array
 from collections import Counter

@@ -34,9 +34,7 @@ CONSTANTS = BlockMatchingConstants()
 
 
 class OpenCvMatching:
-    """The engine ``opencv``: cv2.StereoSGBM in its three-way mode over the disparities
-    lowest..highest, pixels.
-    """
+    """The engine ``opencv``: three-way cv2.StereoSGBM over disparities lowest..highest, pixels."""
 
     refined = False
 

@@ -8,9 +8,7 @@ from stereo_seecolor.records import Map
 
 _UNKNOWN = -0x8000
 PER_PX = 16
-"""OpenCV's fixed-point disparities; neighbors that differ by a pixel or less belong to one
-patch.
-"""
+"""OpenCV's fixed-point disparities; neighbors within a pixel belong to one patch."""
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:

@@ -1,6 +1,4 @@
-"""The page's files of a map: mesh, orthomosaic and terrain; made again only after another
-fusion.
-"""
+"""The page's files of a map: mesh, mosaic and terrain; made again after another fusion."""
 
 import tempfile
 from collections.abc import Iterator

@@ -1,6 +1,4 @@
-"""The files of the whole dive in OUT, such as run.json and the map, and the manifest's record of
-the dive.
-"""
+"""The files of the whole dive in OUT, as run.json and the map, and the manifest's record."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace

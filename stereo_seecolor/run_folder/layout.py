@@ -107,9 +107,7 @@ class Shelves:
     """How the outputs of a large dive are spread over folders."""
 
     most_flat: int = 10_000
-    """Frames whose files lie in one folder a product: more make file managers, network disks and
-    backups slow.
-    """
+    """Most frames in one folder a product: more make file managers and network disks slow."""
     each: int = 1000
     """Frames a folder of a larger dive."""
 

@@ -40,9 +40,7 @@ NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 
 
 COMPARED_FRAMES = 5
-"""Frames whose files are compared to recognize a dive that was moved: the first, the last and three
-between.
-"""
+"""Frames compared to recognize a moved dive: the first, the last and three between."""
 
 
 class Files(Protocol):

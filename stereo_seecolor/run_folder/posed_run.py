@@ -112,9 +112,7 @@ QUATERNION_TOLERANCE = 1e-6
 
 
 def open_posed_run(out: Path) -> PosedRun:
-    """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that
-    is damaged.
-    """
+    """The run in ``out`` with its map's poses. Raises InputError without an intact map."""
     run, folder = open_run(out), out / MAP
     made = open_map(out) if all((folder / name).is_file() for name in (CLOUD, MESH)) else None
     if run.geometry is None or made is None:

@@ -1,6 +1,4 @@
-"""Limits of the water parameters, which are checked wherever they are read, fitted or given by a
-program.
-"""
+"""Limits of the water parameters, checked wherever they are read, fitted or given."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

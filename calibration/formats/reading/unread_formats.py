@@ -1,6 +1,4 @@
-"""Calibration formats that are recognized but not supported, so that the error names the format and
-the remedy.
-"""
+"""Calibration formats that are recognized but not read: errors name the format and the remedy."""
 
 import re
 
@@ -34,9 +32,7 @@ FOREIGN = {
 
 
 def foreign(text: str) -> str | None:
-    """Name the calibration format of a text file that is not read here, with what to do; None if it
-    is none of these.
-    """
+    """Name the calibration format of a text that is not read here, and what to do; else None."""
     for name, pattern in FOREIGN.items():
         if re.search(pattern, text, re.MULTILINE) or (name == DLT and _is_dlt(text)):
             return (

@@ -22,9 +22,7 @@ from stereo_seecolor.records import Water
 LEAST, MOST = 4, 10
 """Least and most blocks: with fewer the error is not reliable, more take time."""
 LEAST_VARIANCE = 1e-12
-"""Least variance of a logarithm: the errors that a user stated may not be possible for three
-numbers that sum to 0.
-"""
+"""Least variance of a logarithm: stated errors may be impossible for numbers that sum to 0."""
 
 
 def with_errors_of_blocks(
@@ -80,9 +78,7 @@ def _of_colors(error: NDArray[np.float64]) -> NDArray[np.float64]:
 def _errors(
     water: Water, rest: Sequence[RangeQuantiles], config: ColorConfig
 ) -> dict[str, NDArray[np.float64]]:
-    """(3,) errors of each parameter, from what is left without each block; of the white point those
-    of its color.
-    """
+    """(3,) errors of each parameter from the fits without each block; of white, those of color."""
     waters, _ = robust.fit_all(rest, config, [water] * len(rest))
     values = np.array([[getattr(one, name) for name in NAMES] for one in waters])
     white = np.log(values[:, 4])

@@ -1,6 +1,4 @@
-"""Divides an image by the light of a survey: each value becomes that under uniform light at the
-usual exposure.
-"""
+"""Divides an image by the light of a survey: values as under uniform light at usual exposure."""
 
 from functools import lru_cache
 from typing import Any
@@ -15,9 +13,7 @@ from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image, Map
 
 NODES = {8: 4096, 16: 65536}
-"""Number of steps of the logarithm of light, by bit depth: half a step is less than a quarter of a
-value.
-"""
+"""Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
 DARKEST = -12.0
 """Logarithm of the darkest light above black: 0.4 of the least linear value of 16 bits."""
 

@@ -35,9 +35,7 @@ class LampSettings:
     aim_rad: float = 0.3
     """Standard deviation of the axis of a lamp relative to that of the camera, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)
-    """Attenuation of luminance, 1/m: clear ocean to harbor. The light travels through the water
-    twice.
-    """
+    """Attenuation of luminance, 1/m: clear ocean to harbor; light crosses the water twice."""
     alone: float = 0.3
     """Fraction of rigs with one lamp."""
     half_width: tuple[float, float] = (0.4, 0.9)

@@ -22,9 +22,7 @@ from stereo_seecolor.records import Water
 FitTable = Callable[[MomentTable, Water | None], Water]
 
 CLASS_STOPS = 2.0
-"""Width of a class of brightness; frames more than a class from the largest one have another
-exposure.
-"""
+"""Width of a class of brightness; frames farther from the largest have another exposure."""
 BLACK = -10_000
 """The class of frames without any light."""
 

@@ -16,9 +16,7 @@ LAST = (RANGE_BINS << LOW_BITS) - 1
 FIRST = np.float32(NEAREST_M).view(np.int32)
 INFINITY = np.float32(np.inf).view(np.int32)
 LANES = 4
-"""Parallel sums of offsets: neighbors share a bin, and additions to one sum would wait for each
-other.
-"""
+"""Parallel sums of offsets: neighbors share a bin, and would wait for each other."""
 
 
 def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:

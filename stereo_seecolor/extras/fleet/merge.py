@@ -1,6 +1,4 @@
-"""``merge``: the folders of a dive's shards into one, with one water, one manifest and one
-frames.csv.
-"""
+"""``merge``: the folders of a dive's shards into one, with one water and one manifest."""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -122,9 +120,7 @@ def _adopt(folder: RunFolder, other: Path, frame: FrameRecord) -> None:
 
 
 def _linked(source: Path, path: Path) -> Path:
-    """A second name for a file, or a copy of it where the file system has none, beside ``path``.
-    Raises OSError.
-    """
+    """A second name for a file, else a copy, beside ``path``. Raises OSError."""
     temporary = temporary_path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:

@@ -1,6 +1,4 @@
-"""``plan``: the cost of a dive, estimated from ten of its pairs: core-hours, wall time, disk and
-memory.
-"""
+"""``plan``: the cost of a dive by ten of its pairs: core-hours, wall time, disk and memory."""
 
 import tempfile
 import time

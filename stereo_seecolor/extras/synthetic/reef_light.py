@@ -1,6 +1,4 @@
-"""Light on the reef, of the sun through waves and water and of the rig's lamps; and the vignetting
-of the lens.
-"""
+"""Light on the reef: sun through waves and water, the rig's lamps, and lens vignetting."""
 
 import numpy as np
 from numpy.typing import NDArray

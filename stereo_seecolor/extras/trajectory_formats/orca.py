@@ -1,6 +1,4 @@
-"""ORCA's processed_images.csv:
-``image_name,image_path,timestamp_utc,latitude,longitude,heading_deg,depth_m``.
-"""
+"""ORCA's processed_images.csv: its header is ``image_name,image_path,timestamp_utc,...``."""
 
 import numpy as np
 

@@ -109,9 +109,7 @@ def rectified_trajectory(
 def given_trajectory(
     poses: Path | None, config: MappingConfig, T_rectified_left: np.ndarray
 ) -> Trajectory | None:
-    """Poses with the fixes of the configuration beside them, or either alone; None without any.
-    Raises InputError.
-    """
+    """Poses with the configured fixes, or either alone; None without any. Raises InputError."""
     track, fixes = (
         rectified_trajectory(path, config, T_rectified_left) if path else None
         for path in (poses, config.fixes)

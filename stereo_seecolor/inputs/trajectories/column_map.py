@@ -133,9 +133,7 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def describe_table(lines: Lines) -> str:
-    """Name the columns of a table that is of no known format, with what to do; "" for other
-    files.
-    """
+    """Name the columns of a table of no known format, with what to do; "" for other files."""
     separator = separator_of(lines.header)
     try:
         header = split_fields(lines.header, separator)

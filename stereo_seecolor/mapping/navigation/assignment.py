@@ -22,17 +22,13 @@ from stereo_seecolor.mapping.track.jumps import break_up, drop_spikes
 from stereo_seecolor.records import Trajectory
 
 END_TOLERANCE_S = 0.01
-"""So far before the first pose and after the last one a time stamp may lie: they are rounded in
-files.
-"""
+"""A time stamp may lie so far outside of the poses: they are rounded in files."""
 
 FARTHEST_POSE_S = 5.0
 """Poses are interpolated across gaps up to this long."""
 
 CLOCK_S = 1e8
-"""Times since 1970 are larger (1973); smaller ones count from the start of a dive, a bag or a
-program.
-"""
+"""Times since 1970 are larger (1973); smaller ones count from the start of a dive."""
 
 
 WITHIN_S = 60.0

@@ -106,9 +106,7 @@ class SeenMotion:
 def spans_of(
     own: Placement, order: Numbers, known: NDArray[np.bool_], steps: Sequence[int] = ()
 ) -> list[Edge]:
-    """Relative poses of frames so many steps apart on a track, or far apart; known: (N,) the frames
-    that count.
-    """
+    """Relative poses of frames some steps apart on a track; known: (N,) the frames that count."""
     spans = []
     for component in range(len(own.sizes)):
         frames = [int(i) for i in order if own.components[i] == component and known[i]]

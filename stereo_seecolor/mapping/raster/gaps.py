@@ -30,9 +30,7 @@ class Reason(IntEnum):
     UNCERTAIN = 3
     """Ranges were measured there, too uncertain for a surface: at a grazing angle, or from afar."""
     DISAGREE = 4
-    """An image measured something there, and another one looks through it: it moved, or a range is
-    wrong.
-    """
+    """An image measured something there, and another looks through: it moved, or is wrong."""
 
 
 WIDEST_M = 1.0

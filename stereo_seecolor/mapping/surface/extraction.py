@@ -19,9 +19,7 @@ from stereo_seecolor.mapping.surface.marching_cubes import (
 from stereo_seecolor.mapping.surface.surface import Surface
 
 MIN_WEIGHT = 0.05
-"""A surface is kept where the weights add up to this: a standard error of some four voxels, seen
-once.
-"""
+"""A surface is kept from this sum of weights: a standard error of four voxels, seen once."""
 
 
 @dataclass(frozen=True, eq=False)

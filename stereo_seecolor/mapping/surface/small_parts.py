@@ -14,9 +14,7 @@ from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 MIN_ISLAND_M2 = 0.05
-"""Area, m^2, below which a surface that touches nothing else is not taken for the bottom: a sheet
-of paper.
-"""
+"""Area, m^2, below which a lone surface is not taken for the bottom: a sheet of paper."""
 BORDER_VOXELS = 0.5
 """Two tiles share points on the plane between them alone, which passes through corners of voxels;
 float32 moves them by less.

@@ -1,6 +1,4 @@
-"""Local contrast of an image, which light that falls off, or that moves with the camera, hardly
-changes.
-"""
+"""Local contrast of an image, which falling-off or moving light hardly changes."""
 
 from dataclasses import dataclass
 

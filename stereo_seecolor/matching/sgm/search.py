@@ -86,9 +86,7 @@ def bands(coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest:
 
 
 def is_first_run() -> bool:
-    """Whether the compiled search, which takes longest to compile, is not on disk yet and can be
-    written there.
-    """
+    """Whether the compiled search, the slowest to compile, is not yet on disk but can be."""
     return match_rows.missing
 
 

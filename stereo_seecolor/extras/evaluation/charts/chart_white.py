@@ -43,9 +43,7 @@ class WhiteSettings:
     backscatter are multiplied.
     """
     least_relief: float = 0.1
-    """Least difference of the farthest and the nearest target's range, fraction of their mean, for
-    a trend with range.
-    """
+    """Least difference of the targets' ranges, fraction of their mean, for a trend with range."""
     likely: float = 3.0
     """Standard errors by which the white of something found, which looks like a card, may differ
     from the fitted one.

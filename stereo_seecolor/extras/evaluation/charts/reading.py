@@ -43,9 +43,7 @@ class ReadingLimits:
     of red that is absorbed. The two of most contrast may spread by less, through haze.
     """
     first_look: float = 0.6
-    """Mean correlation of the grid's patches with a place in a chart that is looked at more
-    closely.
-    """
+    """Mean correlation of the grid's patches with a place in a chart that is examined closer."""
     fits: float = 0.5
     """Root mean square misfit of a patch, of the spread of all patches, that is not covered by
     something else.
@@ -63,9 +61,7 @@ class ReadingLimits:
     least_part: float = 0.5
     """Fraction of the patches in the image that must be seen and fit."""
     most_beyond: float = 0.25
-    """Largest fraction of the grid's patches outside of the chart: with more, it is another
-    pattern.
-    """
+    """Largest fraction of the grid's patches outside of the chart: more is another pattern."""
 
 
 LIMITS = ReadingLimits()

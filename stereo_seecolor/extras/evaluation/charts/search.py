@@ -27,9 +27,7 @@ Floats = NDArray[np.float64]
 
 
 def look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:
-    """Search all frames for color charts, compare views of the same spots, and keep both results
-    for the page.
-    """
+    """Search all frames for color charts, compare views of the same spots, and keep both."""
     found: list[ShownChart] = []
     listener.begin("charts", len(run.frames))
     for frame, charts in zip(run.frames, find_all(FrameFiles.of(run), run.frames), strict=True):

@@ -1,6 +1,4 @@
-"""Connects to a cluster by its name on the command line: ``local:4``, ``tcp://host:8786``,
-``slurm:cluster.yaml``.
-"""
+"""Connects to a cluster by its name: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
 import gc
 import glob
@@ -62,9 +60,7 @@ SCRATCH = f"stereo-seecolor-{platform.node()}-"
 number follows.
 """
 MARK = ".scratch-of-stereo-seecolor-workers"
-"""A file in each folder that this program made for workers: others with such a name are not
-deleted.
-"""
+"""A file in each folder made for workers: others with such a name are not deleted."""
 MEMORY_FRACTION = 0.95
 """Fraction of the machine's memory that its workers together may take."""
 

@@ -206,9 +206,7 @@ def _topic(name: str, msgtype: str, gathered: _Gathered) -> Topic:
 
 
 def payload(path: Path, place: Place) -> bytes:
-    """A message's bytes. Raises InputError if they cannot be read any more; DeviceError if a
-    library is missing.
-    """
+    """A message's bytes. Raises InputError if they cannot be read, DeviceError."""
     try:
         if path.suffix.lower() == ".db3":
             content = sqlite_file.read(path, place.start)

@@ -42,9 +42,7 @@ from stereo_seecolor.files.contained import Container, open_containers
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
 GAP_INTERVALS = 3.5
-"""Pairs further apart than this many median intervals have a gap between them; one or two lost
-frames are common.
-"""
+"""Pairs farther apart than so many median intervals have a gap between; a lost frame is common."""
 
 
 @dataclass(frozen=True)

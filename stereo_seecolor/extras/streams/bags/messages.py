@@ -76,9 +76,7 @@ _VIDEO_FIELDS = {
         "uint8 flags",
     ),
 }
-"""Type that rosbags does not know -> its fields (Foxglove's and ffmpeg_image_transport's own
-definitions).
-"""
+"""Type that rosbags does not know -> its fields (Foxglove's, ffmpeg_image_transport's)."""
 DEPTH_HEADER_BYTES = 12
 """What compressed_depth_image_transport writes before the PNG: an int and two floats."""
 

@@ -131,9 +131,7 @@ def fine_lag(
 
 
 def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:
-    """The line through offsets measured at several times, without those far off it; None for fewer
-    than three.
-    """
+    """The line through offsets at several times, without outliers; None for fewer than three."""
     keep = np.abs(offsets_s - np.median(offsets_s)) < max(5 * deviation(offsets_s), 2 * floor_s)
     if keep.sum() < 3:
         return None

@@ -1,6 +1,4 @@
-"""The motion and brightness of a video's picture from frame to frame: signals that two cameras on
-one rig share.
-"""
+"""Motion and brightness from frame to frame: signals that two cameras on a rig share."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,6 +1,4 @@
-"""The time code track of videos (SMPTE ST 12-1): the time of day of the first frame, in whole
-frames.
-"""
+"""The time code track of videos (SMPTE ST 12-1): the first frame's time of day, in frames."""
 
 import re
 from pathlib import Path
