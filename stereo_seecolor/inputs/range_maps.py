@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, library_for
 from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.files.image_headers import (
     MAX_PIXELS,
@@ -166,13 +166,8 @@ def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.floa
 
 
 def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
-    try:
+    with library_for(f"{path}: OpenEXR", "exr", InputError):
         import OpenEXR
-    except ImportError as error:
-        raise InputError(
-            f"{path}: is an OpenEXR file, which needs the library OpenEXR: pip install "
-            "'stereo-seecolor[exr]', or convert it to a TIFF of floating point"
-        ) from error
     try:
         with OpenEXR.File(io.BytesIO(content), separate_channels=True, header_only=True) as file:
             first, last = file.header()["dataWindow"]
@@ -199,14 +194,9 @@ def _needs_library(content: bytes) -> bool:
 
 def _tiff(content: bytes, path: Path) -> NDArray[Any]:
     """By GDAL; a value that the file declares as unknown becomes 0."""
-    try:
+    with library_for(f"{path}: a TIFF of this kind", "geo", InputError):
         import rasterio
         from rasterio.errors import RasterioError
-    except ImportError as error:
-        raise InputError(
-            f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'"
-        ) from error
-
     try:
         with warnings.catch_warnings(), rasterio.MemoryFile(content) as memory:
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.errors import InputError, library_for
 from stereo_seecolor.files.image_headers import refuse_large
 from stereo_seecolor.files.whole_files import special_kind
 
@@ -23,12 +23,8 @@ MOST_BOXES = 1000
 
 def video_library() -> Any:
     """PyAV. Raises DeviceError if it is missing."""
-    try:
+    with library_for("a video", "video"):
         import av
-    except ImportError as error:
-        raise DeviceError(
-            "videos need a library that is missing (av): pip install -c constraints.txt '.[video]'"
-        ) from error
     return av
 
 

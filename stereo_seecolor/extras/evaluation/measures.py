@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import library_for
 from stereo_seecolor.files.srgb import decode_srgb
 
 Pixels = NDArray[np.floating]
@@ -175,13 +175,8 @@ def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
     """CIEDE2000 color difference of L*a*b* colors (..., 3), shape (...). Raises DeviceError without
     scikit-image.
     """
-    try:
+    with library_for("CIEDE2000", "evaluation"):
         # half a second that other commands need not wait for
         from skimage.color import deltaE_ciede2000
-    except ImportError as error:
-        raise DeviceError(
-            f"color differences need scikit-image ({error}): pip install "
-            "'stereo-seecolor[evaluation]'"
-        ) from error
 
     return np.asarray(deltaE_ciede2000(lab, other), np.float64)  # type: ignore[no-untyped-call]

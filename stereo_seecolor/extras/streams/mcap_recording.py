@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.errors import OutputError, library_for
 from stereo_seecolor.extras.streams import ros_messages as ros
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.records import Map
@@ -63,13 +63,8 @@ class McapRecording:
     def __init__(
         self, path: Path, geometry: RectifiedPair, compression: Literal["zstd", "lz4"] = "zstd"
     ) -> None:
-        try:
+        with library_for("MCAP", "bags"):
             from mcap.writer import CompressionType, Writer
-        except ImportError as error:
-            raise DeviceError(
-                "MCAP needs a library that is missing (mcap): pip install -c constraints.txt "
-                "'.[bags]'"
-            ) from error
         ros.definition("Image")  # a library that is missing is found before the file is made
         self._path, self._geometry, self._count = path, geometry, 0
         try:

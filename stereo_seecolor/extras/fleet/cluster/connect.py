@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.errors import ClusterError, library_for
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.extras.fleet.cluster.local_workers import CAN_FORK, Orders, starter
@@ -73,12 +73,8 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
     Raises ClusterError for an unknown name, or where the cluster cannot be reached.
     """
     opener = _opener(name)
-    try:
+    with library_for(f"--cluster {name}", "cluster", ClusterError):
         from distributed import Client
-    except ImportError as error:
-        raise ClusterError(
-            f"--cluster {name}: needs Dask: pip install 'stereo-seecolor[cluster]'"
-        ) from error
     import dask
 
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
@@ -207,12 +203,8 @@ def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
     from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
 
     content = JobFile.read(file)
-    try:
+    with library_for(f"--cluster {kind}:{file}", "cluster", ClusterError):
         import dask_jobqueue
-    except ImportError as error:
-        raise ClusterError(
-            f"{kind}:{file}: needs dask-jobqueue: pip install 'stereo-seecolor[cluster]'"
-        ) from error
     with _key_folder(Path(content.log_directory)) as folder, ExitStack() as ends:
         arguments = {
             **content.arguments(),

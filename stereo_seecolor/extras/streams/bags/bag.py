@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags import sqlite_file
 from stereo_seecolor.extras.streams.bags.decompression import ZSTD_MAGIC, decompress
 from stereo_seecolor.extras.streams.bags.foxglove import (
@@ -306,11 +306,3 @@ def _bag_files(folder: Path) -> Iterator[Path]:
 
 def _is_named_bag(name: str) -> bool:
     return Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")
-
-
-def needs_library() -> DeviceError:
-    """The message where rosbags is missing."""
-    return DeviceError(
-        "messages of bags need a library that is missing (rosbags): pip install -c "
-        "constraints.txt '.[bags]'"
-    )
