@@ -54,26 +54,27 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
             "far are exchanged in the range maps, as in disparities and inverse depth, or "
             "red and blue in the images (input.channels=bgr)",
         )
-    cause = (
+    unit = (
         "the unit of the maps (input.range_units_per_m)"
         if given
         else "the unit and the lengths of the calibration"
     )
+    causes = (
+        f"by this factor or more ({unit}), or the encoding of the images is wrong "
+        "(color.input_encoding, another tone curve): colors alone do not show which: measure a "
+        "known length"
+    )
     if red + np.median([_red_std(water) for water in different]) < LEAST_RED:
         return (
             f"{said}: the clearest water attenuates red by {LEAST_RED:.2g}/m, "
-            f"{LEAST_RED / red:.1f} times as much: ranges are too long by this factor or more "
-            f"({cause}), or the encoding of the images is wrong (color.input_encoding, "
-            "another tone curve): colors alone do not show which: measure a known length",
+            f"{LEAST_RED / red:.1f} times as much: ranges are too long {causes}",
         )
     lamps = np.median([min(water.fall_off / LAMPS_FALL_OFF, 1.0) for water in different])
     apart = float(np.nanmedian(rates[:, 0] - rates[:, 1])) / (MOST_RED_OVER_GREEN * (1.0 + lamps))
     if apart > 1:
         return (
-            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short by "
-            f"this factor or more ({cause}), or the encoding of the images is wrong "
-            "(color.input_encoding: linear light read as encoded has this effect): colors "
-            "alone do not show which: measure a known length",
+            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short "
+            f"{causes}",
         )
     return ()
 

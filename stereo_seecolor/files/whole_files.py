@@ -23,6 +23,11 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def damaged_map(path: Path, why: object) -> InputError:
+    """The error for a part of a map that is not as this program writes it."""
+    return InputError(f"{path}: is damaged ({why}): make the map again with stereo-seecolor fuse")
+
+
 def regular_bytes(path: Path) -> bytes:
     """The content of a file in OUT. Raises OSError, also for a named pipe."""
     if kind := special_kind(path):

@@ -9,6 +9,7 @@ from statistics import median
 
 from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.errors import ColorError, InputError
+from stereo_seecolor.files.whole_files import damaged_map
 from stereo_seecolor.mapping.raster.structure import EDGES_M, StructureAtScale
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.calibration_std import calibration_std
@@ -135,9 +136,7 @@ class DiveFacts(RowFacts):
                 calibration_std(self.run).total,
             )
         except (OSError, ValueError, KeyError, IndexError) as error:
-            raise InputError(
-                f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"
-            ) from error
+            raise damaged_map(path, error) from error
 
     @property
     def structure(self) -> StructureAtScale | None:

@@ -40,6 +40,7 @@ STORED = {
 MI_MATRIX, MI_COMPRESSED = 14, 15  # data types (MAT-File Format, table 1-1)
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17  # array classes (table 1-3)
 NUMERIC = range(6, 16)
+CUT = "is cut off or damaged: an element reaches beyond its end"
 ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
@@ -86,12 +87,12 @@ class Mat5Reader:
         else:
             following = start + size + (0 if kind == MI_COMPRESSED else -size % 8)
         if start + size > len(data):
-            raise CalibrationError("is cut off or damaged: an element reaches beyond its end")
+            raise CalibrationError(CUT)
         return kind, data[start : start + size], following
 
     def _integers(self, data: bytes, position: int, count: int) -> tuple[int, ...]:
         if position + 4 * count > len(data):
-            raise CalibrationError("is cut off or damaged: an element reaches beyond its end")
+            raise CalibrationError(CUT)
         return struct.unpack_from(f"{self._order}{count}I", data, position)
 
     def _matrix(self, data: bytes, depth: int) -> tuple[str, Any]:
