@@ -123,9 +123,7 @@ class RowCheck:
 
     @property
     def refusal(self) -> str:
-        """Why these are not images of this rig that ranges can be had from, and what to do; ""
-        where they may be.
-        """
+        """Why ranges cannot be had from these images, and what to do; "" where they may be."""
         if self.one_picture:
             return (
                 f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart in "

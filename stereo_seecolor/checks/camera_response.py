@@ -14,9 +14,7 @@ from stereo_seecolor.inputs.stated_encoding import stated_encoding
 from stereo_seecolor.records import Image
 
 LEFT_FRAMES, RIGHT_FRAMES = 6, 3
-"""Frames, spread over the dive: noise curves of six agree within some 10 %; only the left image is
-corrected.
-"""
+"""Frames, spread over the dive: noise curves of six agree within some 10 %."""
 LEAST_BALANCED = 4
 """Frames that show that all were balanced."""
 SAME_MEAN, SAME_SCENE = 0.005, 0.03

@@ -1,6 +1,4 @@
-"""A check for ranges that are not in meters, from the fitted water: water sets bounds that no unit
-changes.
-"""
+"""A check for ranges that are not in meters, by the bounds that all waters keep."""
 
 from collections.abc import Mapping
 
@@ -29,9 +27,7 @@ in clear water 0.69. Inverse ranges that look like meters (2 / range) have 0.85 
 tell these themselves (``checks.range_maps``).
 """
 ALIKE = 0.25
-"""Of the mean: channels whose attenuations differ by less may be those of a monochrome camera,
-which tell nothing.
-"""
+"""Of the mean: channels that differ by less may be those of a monochrome camera."""
 
 
 def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ...]:

@@ -31,9 +31,7 @@ def doctor(report: BareReport) -> None:
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
-    """A line for each part of the installation, with the remedy for a missing one, and whether the
-    program can run.
-    """
+    """A line for each part of the installation, and whether the program can run."""
     output = []
     for finding in findings:
         output.append(f"{_state(finding):8}  {finding.what}: {finding.detail}")

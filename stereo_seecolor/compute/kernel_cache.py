@@ -59,9 +59,7 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 
 def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """``dispatcher`` for a function that only compiled code calls; its machine code is kept as a
-    part of its callers'.
-    """
+    """``dispatcher`` for a function that only compiled code calls, kept with its callers."""
     return njit(**{**OPTIONS, **options, "no_cpython_wrapper": True})(function)
 
 
@@ -257,9 +255,7 @@ class _KernelCache(FunctionCache):
         self._cache_file = _KernelFiles(locator.get_cache_path(), name, locator.get_source_stamp())  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load compiled code without the modules that only compilation needs, which numba's own
-        method imports first.
-        """
+        """Load compiled code without the modules that only compilation needs."""
         try:
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():

@@ -33,9 +33,7 @@ class _Open(Generic[Item]):
 
 
 class Packed(Lazy[Item]):
-    """A sequence of picklable items: appended at the end, and read or replaced anywhere; fast if
-    accessed in order.
-    """
+    """A sequence of picklable items: appended at the end, read or replaced anywhere."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115  # the next line closes it

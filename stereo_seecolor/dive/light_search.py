@@ -59,9 +59,7 @@ class LightSegments:
     seconds of work for one core, so that 10,000 frames are enough for a hundred workers.
     """
     least: int = 15
-    """Frames of a segment at least, also where there are fewer for each core: three segments of a
-    long dive's sample.
-    """
+    """Frames of a segment at least, also of short dives: three segments of a long one's sample."""
 
     def length(self, frames: int, parts: int) -> int:
         """Frames in each segment, if ``frames`` are cut into at least ``parts`` parts."""

@@ -159,9 +159,7 @@ class FrameMatcher:
             }
 
     def _near(self, frame: tuple[_Seen, PhotometricView, Sequence[_Seen]]) -> _Near:
-        """The frame, and its relative poses to the frames before it that show the same spots, by
-        their numbers.
-        """
+        """The frame, and its poses relative to earlier frames that show the same spots."""
         seen, view, before = frame
         return (
             seen,

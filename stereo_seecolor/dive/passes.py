@@ -281,9 +281,7 @@ def make_pass(run: DiveRun, stage: str, work: Work[Any], pairs: Sequence[Pair]) 
 
 
 def _fit_key(run: DiveRun, ranges: DiveRanges, light: Light | None) -> str | None:
-    """Hash of the inputs of the fits of light and water, and of the code that fits them; None where
-    a pair has no range.
-    """
+    """Hash of inputs and code of the fits of light and water; None where a pair has no range."""
     settings = color_settings(run.frames.config, light)
     return ranges.key and content_key(
         settings, ranges.key, [sources_digest(file) for file in FITTING]

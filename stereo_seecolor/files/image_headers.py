@@ -108,9 +108,7 @@ def exif_block(content: bytes) -> bytes:
 
 
 def png_chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
-    that is cut short.
-    """
+    """Kind of each chunk of a PNG, and where its data lie. Raises struct.error for a cut one."""
     at = len(PNG_SIGNATURE)
     while at < len(content):
         length, kind = struct.unpack_from(">I4s", content, at)
@@ -135,9 +133,7 @@ def _jpeg_exif(content: bytes) -> bytes:
 
 
 def jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Marker and content of each segment of a JPEG before its pixels (ITU T.81, B.1.1.4), as far as
-    they are whole.
-    """
+    """Marker and content of each whole segment of a JPEG before its pixels (T.81, B.1.1.4)."""
     position = len(JPEG_SIGNATURE)
     while position + 4 <= len(content):
         marker, length = struct.unpack_from(">HH", content, position)

@@ -10,9 +10,7 @@ from stereo_seecolor.files.contained import find_contained
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file, or of one in a bag. Raises InputError if it is missing, or a
-    named pipe, say.
-    """
+    """The content of a file, or of one in a bag. Raises InputError if missing, or a pipe."""
     if inner := find_contained(path):
         return inner.read()
     try:

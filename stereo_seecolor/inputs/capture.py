@@ -1,6 +1,4 @@
-"""What the camera recorded in EXIF: exposure, time, position; and the EXIF block that a corrected
-image keeps.
-"""
+"""What the camera recorded in EXIF: exposure, time, position; and the block to keep."""
 
 import re
 import warnings

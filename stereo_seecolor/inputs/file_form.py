@@ -48,9 +48,7 @@ def stored_facts(config: InputConfig, sample: Sequence[Pair]) -> dict[Path, Imag
 
 
 def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputConfig:
-    """Set ``significant_bits`` and ``bayer``, where they are "auto", to what the images have.
-    found: by stored_facts.
-    """
+    """Set ``significant_bits`` and ``bayer``, where "auto", to what the images have."""
     facts = list(found.values())
     update: dict[str, object] = {}
     if config.significant_bits == "auto":

@@ -13,9 +13,7 @@ Keys = dict[str, list[Path]]
 
 _CAMERA = "cam|cams|camera|cameras|image|images|img|imgs|im|eye|view|frame|frames"
 _SHORT = "cam|img|im|frame"
-"""What words for the side are written together with: ``leftcam``, ``imgL``; but an imager is no
-right camera.
-"""
+"""What stands beside words for a side: ``leftcam``, ``imgL``; not so ``imager``."""
 _LEFT = (
     f"left({_CAMERA})?|({_SHORT})l|lft|lc|lm|l|cam0|linke?|links|gauche|izquierda|sinistra|esquerda"
 )

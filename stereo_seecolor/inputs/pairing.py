@@ -344,9 +344,7 @@ def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
 
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
-    """Pair images with the range maps of the same stem, for people who bring their own; ``right``
-    is the range map.
-    """
+    """Pair images with the user's range maps of the same stem; ``right`` is the range map."""
     matching = _matching(
         list_images(images, "images"), list_images(ranges, "range maps", RANGE_EXTENSIONS)
     )

@@ -30,9 +30,7 @@ def video_library() -> Any:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if
-    PyAV is missing.
-    """
+    """The container of a video. Raises InputError if it cannot be read, DeviceError."""
     av = video_library()
     try:
         if kind := special_kind(path):
@@ -77,9 +75,7 @@ def _unfinished(path: Path) -> str:
 
 
 def video_stream(container: Any, path: Path) -> Any:
-    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims
-    to be too large.
-    """
+    """The stream of pictures. Raises InputError if it is missing, too large or unknown."""
     stream = container.streams.best("video")  # not a cover picture
     if stream is None:
         raise InputError(f"{path}: holds no video frames")

@@ -1,6 +1,4 @@
-"""The matching engine ``opencv``, OpenCV's semi-global block matching: for comparison, and where
-numba cannot run.
-"""
+"""The engine ``opencv``, semi-global block matching: to compare, and where numba cannot run."""
 
 from dataclasses import dataclass
 

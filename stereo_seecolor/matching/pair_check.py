@@ -1,6 +1,4 @@
-"""Checks that the two images of a pair show the same scene, from the matched fraction and the
-texture of the images.
-"""
+"""Checks that the images of a pair show the same scene, by matched fraction and texture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

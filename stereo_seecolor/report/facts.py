@@ -103,9 +103,7 @@ class DiveFacts(RowFacts):
 
     @cached_property
     def roughness(self) -> TerrainRoughness | None:
-        """The roughness of the map's terrain without noise; None without a terrain, or with one
-        that cannot be read.
-        """
+        """The roughness of the map's terrain without noise; None without a readable terrain."""
         made, posed = self.map, self.posed
         if made is None or posed is None or not made.area_m2:
             return None

@@ -102,9 +102,7 @@ class _MapFiles:
         return cls(made, facts.posed, std_m, terrain, raw, facts.squares, there[MOSAIC], has_gaps)
 
     def contents(self, key: str) -> Files:
-        """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
-        identifies the map.
-        """
+        """(path in page/map, content) of all files; map.js, which lists them, comes last."""
         about: dict[str, Any] = {
             "id": key[:16],
             "pieces": {},

@@ -81,9 +81,7 @@ def open_map(out: Path) -> FinishedMap | None:
 
 
 def track_points(out: Path) -> tuple[TrackPoint, ...]:
-    """Read the positions of the frames of all components of a map; none where there is no map, or
-    it is damaged.
-    """
+    """The positions of the frames of all components of a map; none without an intact map."""
     try:
         return tuple(
             _point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path)

@@ -135,9 +135,7 @@ def product_path(product: str, name: str, image_format: str) -> str:
 
 
 def original_path(product: str, left: Path) -> str:
-    """The path of a product in the left camera's own pixels, relative to OUT; it has the name of
-    the left image.
-    """
+    """The path in OUT of a product in the left camera's pixels; named as the left image."""
     return f"{product}/{left.stem}{PRODUCTS[product].suffix or left.suffix}"
 
 

@@ -160,9 +160,7 @@ def _of_own_poses(leaf: Leaf, own: list[Array], is_into: bool) -> Pose:
 
 
 def _likelier(pose: Pose) -> Pose:
-    """The pose, or the other one where only that puts the right camera to the right, or the first
-    to the left.
-    """
+    """The pose, or the other one where only that puts the right camera to the right."""
     assert pose.other is not None
     if _direction(pose.other) < _direction(pose.T):
         return replace(pose, T=pose.other, other=pose.T, is_into=not pose.is_into)

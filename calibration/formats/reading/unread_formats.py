@@ -43,9 +43,7 @@ def foreign(text: str) -> str | None:
 
 
 def _is_dlt(text: str) -> bool:
-    """Tell whether a text is a column or a row of eleven numbers for one camera or two, also below
-    a line of names.
-    """
+    """Whether a text is eleven numbers for one camera or two, also below a line of names."""
     lines = [line for line in text.splitlines() if line.strip()]
     if len(lines) > DLT_COUNT + 1:
         return False

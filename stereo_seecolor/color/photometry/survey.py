@@ -28,9 +28,7 @@ BLACK = -10_000
 
 
 class Fitter(Protocol):
-    """Takes frames one at a time, in order, and fits a water for each of them. joins: whether
-    ``join`` may be called.
-    """
+    """Fits a water to each frame, taken in order. joins: whether ``join`` may be called."""
 
     joins: bool = False
 

@@ -71,9 +71,7 @@ def clipped(pixels: Pixels) -> NDArray[np.bool_]:
 
 
 def score_neutral(pixels: Pixels) -> NeutralScore:
-    """Score of a neutral target's pixels (N, 3): mean psi, and the fraction clipped, without which
-    psi is not a score.
-    """
+    """Score of a neutral target's pixels (N, 3): mean psi, and the fraction clipped."""
     known = np.isfinite(pixels).all(axis=-1)
     angles = gray_angle_deg(pixels[known])
     if not np.isfinite(angles).any():

@@ -59,9 +59,7 @@ class FrameScore:
 
 @dataclass(frozen=True)
 class TruthReport:
-    """Scores of a run. range, color, raw_color: means over the frames. missing: names of frames
-    without a result.
-    """
+    """Scores of a run, means over the frames. missing: names of frames without a result."""
 
     frames: tuple[FrameScore, ...]
     missing: tuple[str, ...]

@@ -167,9 +167,7 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
 
 
 def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
-    """All pairs of the parts and the pipeline of their rig. Raises InputError where settings, rig
-    or version differ.
-    """
+    """All pairs of the parts and their pipeline. Raises InputError where parts differ."""
     first = parts[0]
     for part in parts[1:]:
         if part.settings != first.settings or part.run.config != first.run.config:

@@ -335,9 +335,7 @@ def _joined(earlier: Wanted, later: Wanted) -> Wanted:
 
 
 def _wanted(row: dict[str, str], where: str) -> Wanted:
-    """One row of the table, as a thing to measure with one place. where: file and line, for errors.
-    Raises InputError.
-    """
+    """One row of the table, as a thing to measure with one place. Raises InputError."""
     kind = next((kind for kind in LEAST_POINTS if kind == row["kind"]), None)
     if kind is None:
         raise InputError(f"{where}: kind is {row['kind']!r}: give point, length or area")

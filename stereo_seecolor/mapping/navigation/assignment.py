@@ -1,6 +1,4 @@
-"""Assignment of a trajectory's poses to frames, and the placement that they give; frames without a
-pose are named.
-"""
+"""Assignment of a trajectory's poses to frames; frames without a pose are named."""
 
 import re
 from collections import Counter
@@ -303,9 +301,7 @@ DAYS_H = 72.0
 
 
 def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
-    """How far the times of the poses lie from the frames', and what to do; "" where they overlap or
-    are not known.
-    """
+    """How far the times of poses and frames lie apart, and what to do; "" if they overlap."""
     frames, poses = (
         times[np.isfinite(times)] for times in (index.timestamps_s, trajectory.timestamps_s)
     )

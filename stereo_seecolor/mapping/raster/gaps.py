@@ -34,9 +34,7 @@ class Reason(IntEnum):
 
 
 WIDEST_M = 1.0
-"""From a cell of a gap to known ones on at least three of its four sides: what is wider was not
-surveyed.
-"""
+"""From a gap's cell to known ones on three of four sides: what is wider was not surveyed."""
 SIDES = 3
 CLOSED = 0.5
 """Of the cells around: so many known ones close a cell, as the mosaic does."""

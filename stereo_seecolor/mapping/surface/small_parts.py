@@ -67,9 +67,7 @@ class _TileParts:
 
 
 def _kept(tiles: Iterable[_TileParts]) -> list[NDArray[np.bool_]]:
-    """For each tile, which of its connected parts are large enough to keep, with their continuation
-    in other tiles.
-    """
+    """For each tile, which of its connected parts, with those of other tiles, are large."""
     areas: list[NDArray[np.float64]] = []
     joined: list[tuple[int, int]] = []
     part_at_border: dict[bytes, int] = {}

@@ -21,9 +21,7 @@ WINDOW = 2 * LANES
 
 
 MARGIN_PX = 4
-"""Margin of a band around the disparities of the coarse match: one pixel of the coarse image, in
-pixels of the full one.
-"""
+"""Margin of a band around coarse disparities: a coarse pixel, in pixels of the full image."""
 WIDENING = LANES
 """Disparities by which a band that proved too narrow is widened, on both sides."""
 

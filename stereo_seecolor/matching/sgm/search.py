@@ -1,6 +1,4 @@
-"""Semi-global search of a pair: at reduced size over all disparities, then at full size in bands
-around the result.
-"""
+"""Semi-global search of a pair: all disparities at reduced size, then bands at full size."""
 
 from dataclasses import dataclass, replace
 

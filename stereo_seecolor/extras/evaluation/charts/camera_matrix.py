@@ -162,9 +162,7 @@ def _left_out(color: Array, published: Array, error: Array) -> Array:
 
 
 def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, int]:
-    """Mean color, published color (P, 3) and error (P,) of each patch of each kind of chart; and
-    how many are not gray.
-    """
+    """Mean color, published color (P, 3) and error (P,) of each patch; how many are not gray."""
     found, colored = [], 0
     for name in dict.fromkeys(chart.type.name for chart in charts):
         of = [chart for chart in charts if chart.type.name == name]

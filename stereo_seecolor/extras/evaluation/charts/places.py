@@ -46,13 +46,9 @@ class PlaceLimits:
     least_green: float = 0.4
     """Correlation in green alone below which no place is examined."""
     candidates: int = 30
-    """Places of the green channel's best correlation that are examined in all channels, for each
-    size and kind of chart.
-    """
+    """Places of green's best correlation that are examined in all channels, for each chart."""
     most_places: float = 0.03
-    """Fraction of a picture, the most colorful, about which charts are looked for: bounds the time
-    of colorful scenes.
-    """
+    """Fraction of a picture, the most colorful, in which charts are looked for: bounds time."""
     batch: int = 8192
     """Places at a time: they take 15 MB."""
 
@@ -101,9 +97,7 @@ def chart_places(
 
 
 def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
-    """(H, W) True where the middle of a chart of this width may lie, since two channels of its
-    surroundings differ.
-    """
+    """(H, W) True where a chart of this width may lie, since two channels around differ."""
     width = max(3, round(LIMITS.window * size_px))
 
     def mean(values: Floats) -> Floats:

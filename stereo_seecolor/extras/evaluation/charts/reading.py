@@ -223,9 +223,7 @@ def _differences(values: Array) -> Array:
 
 
 def _middles(picture: Floats, onto: Array, units: Array) -> Array:
-    """(N, 25, 3) pixels over the middles of patches, NaN outside of the image. onto: (3, 3) from
-    units to pixels.
-    """
+    """(N, 25, 3) pixels over the middles of patches, NaN outside. onto: (3, 3) to pixels."""
     offsets = np.linspace(-LIMITS.inner, LIMITS.inner, 5)
     points = units[:, None] + np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
     return sampled(picture, moved(onto, np.asarray(points, np.float64)))

@@ -1,6 +1,4 @@
-"""Targets of known color in an image: charts, found or given by their corners, and white objects in
-given polygons.
-"""
+"""Targets of known color: charts, found or given by corners, and given white polygons."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

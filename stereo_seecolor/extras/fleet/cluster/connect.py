@@ -56,9 +56,7 @@ ADAPT_S, IDLE_LOOKS = "10s", 6
 idle before it ends.
 """
 SCRATCH = f"stereo-seecolor-{platform.node()}-"
-"""Beginning of the name of local workers' folder, among temporary files; the client's process
-number follows.
-"""
+"""Begins the name of local workers' temporary folder; the client's process number follows."""
 MARK = ".scratch-of-stereo-seecolor-workers"
 """A file in each folder made for workers: others with such a name are not deleted."""
 MEMORY_FRACTION = 0.95
@@ -166,9 +164,7 @@ def remove_abandoned() -> None:
 
 
 def _scheduler(workers: int, scratch: str, keys: Any) -> Any:
-    """A scheduler in this process, with ``workers`` workers started by Dask, which serve those
-    alone who have the keys.
-    """
+    """A scheduler in this process, with ``workers`` workers that only key holders can use."""
     from distributed import LocalCluster
 
     return LocalCluster(  # type: ignore[no-untyped-call]
@@ -255,9 +251,7 @@ def _hushed(*loggers: str) -> Iterator[None]:
 
 
 def _submit(started: Any, content: "JobFile", name: str) -> None:
-    """Submit the first jobs, and, for adaptive files, more as there is work. Raises ClusterError
-    where one is refused.
-    """
+    """Submit the first jobs, and of adaptive files more with the work. Raises ClusterError."""
     from distributed.core import Status
 
     async def submitted() -> None:

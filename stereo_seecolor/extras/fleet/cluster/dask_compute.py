@@ -1,6 +1,4 @@
-"""The ``Compute`` of a Dask cluster: batches of items are sent to workers, and results returned in
-the items' order.
-"""
+"""The ``Compute`` of a Dask cluster: batches go to workers, results come in items' order."""
 
 import logging
 import pickle

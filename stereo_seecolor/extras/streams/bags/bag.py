@@ -78,9 +78,7 @@ INDEXED = frozenset({*IMAGES, *VIDEOS, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
 
 THINNED = frozenset({IMU, PRESSURE})
 THINNED_NS = 20_000_000
-"""Of sensors that send hundreds of messages a second one in 20 ms is kept: a vehicle turns little
-in that time.
-"""
+"""Of fast sensors one message in 20 ms is kept: a vehicle turns little in that time."""
 
 HEAD_BYTES = 32
 CACHED_CHUNKS = 4

@@ -16,9 +16,7 @@ PLAIN = ("", "none")
 
 
 def decompress(content: bytes, chunk: Chunk) -> bytes:
-    """The content of a chunk; of one that was cut short, as much as it holds. Raises Cut if it is
-    damaged, DeviceError.
-    """
+    """The content of a chunk, as far as it is there. Raises Cut if damaged, DeviceError."""
     if chunk.plain_size > MAX_CHUNK_BYTES:
         raise Cut(f"claims a chunk of {chunk.plain_size / 1e6:.0f} MB at byte {chunk.start}")
     try:

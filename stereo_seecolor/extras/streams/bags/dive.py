@@ -1,6 +1,4 @@
-"""A bag as a dive: its images as files inside it, paired by the stamps of their headers, and its
-camera_info as the rig.
-"""
+"""A bag as a dive: its images, paired by their stamps, and its camera_info as the rig."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence

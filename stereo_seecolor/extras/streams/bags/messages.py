@@ -147,9 +147,7 @@ def image_content(entry: Entry) -> bytes:
 
 
 def message_content(message: Any, msgtype: str, where: str) -> bytes:
-    """A decoded image message as the content of an image file; ``where`` is for the errors. Raises
-    InputError.
-    """
+    """A decoded image message as content of an image file; where: for errors. Raises InputError."""
     if msgtype not in COMPRESSED_IMAGES:
         return encode_tiff(_pixels(message, where))
     content = _compressed(message)

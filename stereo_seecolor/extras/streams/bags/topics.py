@@ -84,9 +84,7 @@ def parse_topics(text: str) -> dict[str, str]:
 
 
 def info_topic(bag: Bag, image: Topic) -> Topic | None:
-    """The camera_info of an image topic: the one beside it, or the one that shares most of its name
-    and its side.
-    """
+    """The camera_info of an image topic: the one beside it, or of the most similar name."""
     infos = [topic for topic in bag.topics if topic.msgtype == CAMERA_INFO and topic.entries]
     camera = _camera(image.name)
     beside = [topic for topic in infos if topic.name.split("/")[:-1] == camera]

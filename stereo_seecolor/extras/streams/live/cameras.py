@@ -1,6 +1,4 @@
-"""Capture devices and network streams, by OpenCV. A thread reads each, and opens it again when it
-has been lost.
-"""
+"""Capture devices and network streams, by OpenCV; a thread reads each, and reopens it."""
 
 import os
 import time

@@ -60,9 +60,7 @@ class VideoSignals:
 
 
 def video_signals(path: Path) -> VideoSignals:
-    """Decode a video once. Raises NoEvidence if it holds fewer than three frames with times,
-    InputError, DeviceError.
-    """
+    """Decode a video once. Raises NoEvidence for under three frames, InputError, DeviceError."""
     times: list[float] = []
     brightness: list[float] = []
     shifts: list[tuple[float, float]] = []

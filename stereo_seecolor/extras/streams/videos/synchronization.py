@@ -228,9 +228,7 @@ def _refuse_lost_frames(
 
 
 def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
-    """The lag of the one sudden rise of brightness, to a part of a frame; None where there is none,
-    or more than one.
-    """
+    """The lag of the one sudden rise of brightness; None where there is none, or several."""
     times = [_flash(signals) for signals in (left, right)]
     if times[0] is None or times[1] is None:
         return None

@@ -14,9 +14,7 @@ _TEXT = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.,])(\d\d)")
 
 
 def time_code_lag(left: Path, right: Path) -> Lag | None:
-    """The lag of two cameras whose time codes were set alike; None where one has none. Raises
-    InputError, DeviceError.
-    """
+    """The lag of cameras with equal time codes; None without. Raises InputError, DeviceError."""
     first, second = _start(left), _start(right)
     if first is None or second is None:
         return None
