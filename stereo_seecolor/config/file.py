@@ -222,13 +222,9 @@ def _merge(base: _Content, over: _Content) -> _Content:
     both = {
         key: _merge(base[key], over[key])
         for key in base.keys() & over.keys()
-        if _are_mappings(base[key], over[key])
+        if isinstance(base[key], dict) and isinstance(over[key], dict)
     }
     return {**base, **over, **both}
-
-
-def _are_mappings(*values: object) -> bool:
-    return all(isinstance(value, dict) for value in values)
 
 
 def _read(path: Path) -> _Content:

@@ -71,7 +71,9 @@ class DeviceMatcher(Matcher):
         if self._config.engine != "sgm":
             return super().matched(frame)
         left, right = (gray(self._memory.tensor(image)) for image in (frame.left, frame.right))
-        small_left, small_right = (self._reduced(image) for image in (left, right))
+        small_left, small_right = (
+            shrink(image, self._scale).cpu().numpy().astype(np.uint16) for image in (left, right)
+        )
         reason = diagnostics.unusable(small_left, small_right)
         if reason:
             return RangeMap.unknown(
@@ -102,9 +104,6 @@ class DeviceMatcher(Matcher):
             range_map, right_sharpness=sharpness, vertical_px=vertical_px, warnings=warnings
         )
         return found_ranges, detail
-
-    def _reduced(self, image: Tensor) -> NDArray[np.uint16]:
-        return shrink(image, self._scale).cpu().numpy().astype(np.uint16)
 
     def _search(self, left: Tensor, right: Tensor) -> tuple[sgm.FoundDisparities, float]:
         """The search at reduced size, then in bands around it; and the fraction known there."""

@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,7 +119,7 @@ def _opener(name: str) -> Callable[[], Any]:
     if kind == "local" and re.fullmatch(r"[1-9]\d*", rest):
         return lambda: _local(int(rest))
     if kind in ("tcp", "tls", "ucx") and re.fullmatch(r"//[^/]+:\d+", rest):
-        return lambda: _running(name)
+        return lambda: nullcontext(OpenedCluster(name))
     if kind in JOB_CLASSES and rest:
         return lambda: _jobs(kind, Path(rest))
     raise ClusterError(f"--cluster {name}: is not a cluster: give {FORMS}")
@@ -186,11 +186,6 @@ def _memory_bytes() -> int:
     from distributed.system import MEMORY_LIMIT
 
     return int(MEMORY_LIMIT)
-
-
-@contextmanager
-def _running(address: str) -> Iterator[OpenedCluster]:
-    yield OpenedCluster(address)
 
 
 @contextmanager

@@ -94,7 +94,11 @@ def info_topic(bag: Bag, image: Topic) -> Topic | None:
     of_side = [
         topic for topic in infos if side and side_of(" ".join(topic.name.split("/"))) == side
     ]
-    return max(of_side, key=lambda topic: _shared(topic.name.split("/"), camera), default=None)
+    return max(
+        of_side,
+        key=lambda topic: sum(part in camera for part in topic.name.split("/")),
+        default=None,
+    )
 
 
 def _has_info(bag: Bag, left: Topic, right: Topic) -> bool:
@@ -167,7 +171,3 @@ def _camera(name: str) -> list[str]:
     while len(parts) > 1 and parts[-1] in TRANSPORTS:
         parts = parts[:-1]
     return parts if parts != name.split("/") else parts[:-1]
-
-
-def _shared(parts: Sequence[str], others: Sequence[str]) -> int:
-    return sum(part in others for part in parts)
