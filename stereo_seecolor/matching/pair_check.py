@@ -41,11 +41,7 @@ ROWS_OFF = "their rows are off"
 
 
 def coverage(range_map: RangeMap) -> float:
-    """Compute the fraction of the pixels of the left image with a measured range, 0..1.
-
-    Args:
-        range_map: The range map of the pair.
-    """
+    """The fraction of the pixels of the left image with a measured range, 0..1."""
     return float(np.isfinite(range_map.measured_m).mean())
 
 

@@ -12,12 +12,8 @@ PER_PX = 16
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Set small patches of disparity to NaN, in place.
-
-    Args:
-        disparity: (H, W) float32 pixels, NaN = unknown; connected neighbors within one pixel of
-            disparity form a patch.
-        pixels: Least size of a patch, pixels.
+    """Set patches of fewer than ``pixels`` of a disparity map (H, W) to NaN, in place; connected
+    neighbors within one pixel of disparity form a patch.
     """
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
     thin = disparity[::every, ::every]

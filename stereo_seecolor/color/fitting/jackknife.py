@@ -28,16 +28,9 @@ LEAST_VARIANCE = 1e-12
 def with_errors_of_blocks(
     water: Water, whole: MomentTable, blocks: Iterable[MomentTable], config: ColorConfig
 ) -> Water:
-    """Set the standard errors of a water to the jackknife errors, where these are larger.
-
-    Args:
-        water: Fitted to ``whole``.
-        whole: The sum of the blocks.
-        blocks: Tables of blocks of neighboring frames, at most MOST, one at a time.
-        config: Settings of the color stage.
-
-    Returns:
-        The water. Unknown errors (NaN) stay unknown.
+    """Set the standard errors of a water to the jackknife errors, where these are larger; unknown
+    errors (NaN) stay unknown. whole: the table that it was fitted to, the sum of the blocks.
+    blocks: tables of neighboring frames, at most MOST, one at a time.
     """
     if not water.standard_errors or config.method != "robust":
         return water

@@ -54,15 +54,8 @@ def divide_illumination(
 
 
 def with_clipped(divided: Image, image: Image) -> Image:
-    """Give the pixels that the camera clipped at least their own values, so that statistics take
-    them for lower bounds.
-
-    Args:
-        divided: (H, W, 3), the image without its light.
-        image: (H, W, 3), the image itself.
-
-    Returns:
-        (H, W, 3), the divided image; clipped pixels are as bright as in the image.
+    """Give the pixels (H, W, 3) that the camera clipped at least their own values, of ``image``, so
+    that statistics take them for lower bounds.
     """
     clipped = brightest_channel(image) >= FULL_AT * np.iinfo(image.dtype).max
     out = divided.copy()

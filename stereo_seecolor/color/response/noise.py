@@ -71,14 +71,8 @@ class Blocks:
 
 
 def blocks_of(plane: Values, factor: np.float32) -> Blocks:
-    """Compute the blocks of one channel, from the pixels at which the sensor measured it.
-
-    Args:
-        plane: (H, W) values of an image's channel, unsigned integers.
-        factor: 255 by the largest such value.
-
-    Returns:
-        Blocks that are neither clipped nor cut at zero, with values of 0 to 255.
+    """The blocks of a channel (H, W) that are neither clipped nor cut at zero, with values of 0 to
+    255, from the pixels at which the sensor measured it. factor: 255 by the largest value.
     """
     sites = _native_sites(plane.astype(np.float32) * factor)
     mean, values = _means(sites), _cut(sites)

@@ -118,16 +118,8 @@ def given_trajectory(
 
 
 def trajectory_files(path: Path) -> tuple[Path, ...]:
-    """The files that are read for a trajectory.
-
-    Args:
-        path: As given to ``read_trajectory``, with maps of columns or without.
-
-    Returns:
-        The files.
-
-    Raises:
-        InputError: For a bad map.
+    """The files that are read for a trajectory, given as to ``read_trajectory``. Raises InputError
+    for a bad map of columns.
     """
     return tuple(column_map.split_spec(part)[0] for part in column_map.split_files(path))
 
