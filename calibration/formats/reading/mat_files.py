@@ -46,10 +46,8 @@ ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable of a class: its system ("MCOS"), its class, its place in the subsystem."""
+    """A variable of a class: its place in the subsystem."""
 
-    system: str
-    class_name: str
     reference: Any
 
 
@@ -106,8 +104,8 @@ class Mat5Reader:
         parts = _Parts(self, data)
         kind = self._integers(parts.next(), 0, 1)[0] & 0xFF
         if kind == OPAQUE:
-            name, system, class_name = (_text(parts.next()) for _ in range(3))
-            return name, Opaque(system, class_name, self._matrix(parts.next(), depth + 1)[1])
+            name, _, _ = (_text(parts.next()) for _ in range(3))  # its system and class
+            return name, Opaque(self._matrix(parts.next(), depth + 1)[1])
         shape = tuple(self._array(*parts.typed()).astype(np.int64).tolist())
         name = _text(parts.next())
         if min(shape, default=0) < 0:

@@ -60,9 +60,8 @@ _SIDE = 15
 
 @dataclass(frozen=True)
 class ChartPlace:
-    """Middle, width and angle of what may be a chart. score: correlation of its green channel."""
+    """Middle, width and angle of what may be a chart."""
 
-    score: float
     x_px: float
     y_px: float
     width_px: float
@@ -87,12 +86,7 @@ def chart_places(
         for type, (scores, angles) in zip(types, windows.best_angles(matched), strict=True):
             for best in _apart(scores, middles, 0.3 * size_px):
                 x_px, y_px = middles[best].tolist()
-                yield (
-                    type,
-                    ChartPlace(
-                        float(scores[best]), x_px, y_px, size_px, LIMITS.angles_deg[angles[best]]
-                    ),
-                )
+                yield type, ChartPlace(x_px, y_px, size_px, LIMITS.angles_deg[angles[best]])
         size_px *= LIMITS.size_step
 
 

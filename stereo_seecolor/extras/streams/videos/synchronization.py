@@ -193,8 +193,8 @@ def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
 
 
 def _lag(times: tuple[Array, Array], motions: tuple[Array, Array]) -> Lag | None:
-    coarse = coarse_lag(times, motions)
-    return fine_lag(times, motions, coarse) if coarse else None
+    coarse_s = coarse_lag(times, motions)
+    return None if coarse_s is None else fine_lag(times, motions, coarse_s)
 
 
 def _refuse_lost_frames(
