@@ -121,7 +121,7 @@ def _on_earth(
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> PlacedSurvey:
     if trajectory is None or trajectory.fixes:
         return _placed_by_pictures(survey, config, trajectory)
-    given = place(survey.index, trajectory, config)
+    given = place(survey.index, trajectory)
     exact = _placed_exactly(survey, config, trajectory, given)
     return _placed_by_poses(survey, config, trajectory, given) if exact is None else exact
 

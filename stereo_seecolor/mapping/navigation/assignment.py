@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from calibration.transforms import interpolate
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.names import folder_keys, stem_of_path
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -46,7 +45,7 @@ class Assignment:
     warnings: list[str]
 
 
-def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+def assign(index: FrameIndex, trajectory: Trajectory) -> Assignment:
     """Assign poses by name, or by folder and name (``10h_0001`` of ``10h/left/0001.png``); else by
     time, interpolated; else by order.
 
@@ -59,7 +58,7 @@ def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> 
             return _by_name(index, trajectory, by_key)
     if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
         by_number = _by_image_number(index, trajectory)
-        return by_number or _by_time(index, trajectory, config)
+        return by_number or _by_time(index, trajectory)
     if not by_stem and len(trajectory.T_world_camera) == len(index.names):
         return _of_places(trajectory, np.arange(len(index.names)), "in order")
     if (
@@ -181,7 +180,7 @@ def _clock_offset_s(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64])
     return float(np.median(offsets)) if np.ptp(offsets) <= 2 * END_TOLERANCE_S else None
 
 
-def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+def _by_time(index: FrameIndex, trajectory: Trajectory) -> Assignment:
     warnings = []
     offset_s = _clock_offset_s(index.timestamps_s, trajectory.timestamps_s)
     if offset_s is not None:
@@ -270,14 +269,14 @@ def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(T).all(axis=(1, 2)))
 
 
-def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Placement:
+def place(index: FrameIndex, trajectory: Trajectory) -> Placement:
     """Match a trajectory to frames: by name, else by time (interpolated), else, where neither says
     anything, by order.
 
     Poses that are not finite, or that jump away and back, leave their frame out; a jump that stays
     breaks the track into components. Raises MappingError if nothing matches.
     """
-    found = assign(index, trajectory, config)
+    found = assign(index, trajectory)
     T, reasons, warnings = found.T_world_camera, found.reasons | index.lost, found.warnings
     T[list(index.lost)] = float("nan")
     for name, count in Counter(index.names).items():
