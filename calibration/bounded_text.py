@@ -20,22 +20,16 @@ MAX_DEPTH = 50
 MAX_VALUES = 50_000
 """Values of a YAML file: a rig of 300 views with every pose has some thousands."""
 MAX_YAML_BYTES = 1 << 20
-"""Of a YAML file; JSON, which holds long dives too, is read in a time that grows with its size
-alone.
-"""
+"""Of a YAML file; JSON, which holds long dives too, is read in a time linear in its size."""
 
 _MANY_DIGITS = re.compile("[0-9]{300}")
 """A whole number beyond what a float holds, which would end as an OverflowError somewhere later."""
 
 _LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH}}}")
-"""A dotted key of TOML of so many levels, for which its parser takes a time that grows with the
-square.
-"""
+"""A dotted key of TOML of so many levels: its parser's time grows with their square."""
 
 YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
-"""What ``load_yaml`` raises for a file that is none, beside ``TooMuchError``; a date such as
-2026-13-45 is a ValueError.
-"""
+"""What ``load_yaml`` raises beside ``TooMuchError``; a date such as 2026-13-45 is a ValueError."""
 
 
 _WIDE = ((b"\xff\xfe\0\0", "utf-32"), (b"\0\0\xfe\xff", "utf-32"), (b"\xff\xfe", "utf-16"),

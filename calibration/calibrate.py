@@ -170,9 +170,7 @@ def _errors(score: LensScore) -> RigErrors | None:
 
 
 def _row_errors(bundle: Bundle, views: list[TargetView]) -> Array:
-    """(n,) left minus right row of the corners in common after rectification, pixels; NaN if that
-    cannot be rectified.
-    """
+    """(n,) left minus right row of common corners, rectified, pixels; NaN where that fails."""
     pixels = []
     for corners in ([view.left for view in views], [view.right for view in views]):
         side = [(own, common_ids(view)) for own, view in zip(corners, views, strict=True)]

@@ -1,6 +1,4 @@
-"""Checks of a calibration on images of a dive: whether rows agree, and the causes if they do
-not.
-"""
+"""Checks of a calibration on images of a dive: do rows agree, and the causes if they do not."""
 
 from collections.abc import Iterable, Sequence
 

@@ -15,9 +15,7 @@ Array = NDArray[np.float64]
 Map = NDArray[np.float32]
 
 DISPARITY_STD_PX = 0.1
-"""Standard error of a disparity, pixels: the median that the matcher states on the sample dive is
-0.09.
-"""
+"""Standard error of a disparity, pixels: the matcher's median on the sample dive is 0.09."""
 
 
 @dataclass(frozen=True, eq=False)

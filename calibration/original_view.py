@@ -76,9 +76,7 @@ class OriginalView:
         return self._remap(mask.astype(np.uint8), cv2.INTER_NEAREST, 0).astype(np.bool_)
 
     def smooth(self, values: Map) -> Map:
-        """Resample smooth values to the raw pixels: (H, W), the border value repeated beyond the
-        rectified image.
-        """
+        """Resample smooth values to the raw pixels: (H, W), the border repeated beyond it."""
         return np.asarray(
             cv2.remap(values, self.x, self.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
             np.float32,

@@ -84,6 +84,9 @@ class FlatPort:
             )
 
 
+DESCRIBE_PORT = f"--set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
+
+
 def flat_port(text: str) -> FlatPort:
     """The port of ``DISTANCE:THICKNESS`` or ``DISTANCE:THICKNESS:WORKING_RANGE``, lengths with
     units: ``30mm:10mm:1.5m``.

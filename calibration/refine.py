@@ -173,9 +173,7 @@ def _pixel(rig: StereoRig) -> Array:
 
 
 def _without_places(pairs: list[Matches]) -> Iterator[list[Matches]]:
-    """The pairs without the matches of one part of the image, for each part in turn; all have as
-    many matches.
-    """
+    """The pairs without the matches of one part of the image, for each part in turn."""
     pixels = np.concatenate([pair.left for pair in pairs])
     ends = np.cumsum([len(pair.left) for pair in pairs])[:-1]
     for column in np.array_split(np.argsort(pixels[:, 0]), LIMITS.places):

@@ -23,9 +23,7 @@ TOLERANCE_M = 1e-9  # of a point on the glass: 1e-6 px
 
 @dataclass(frozen=True, eq=False)
 class CameraInWater:
-    """A camera behind a flat window, seen from the water as a camera with rays from ``center_m``;
-    like Camera in use.
-    """
+    """A camera behind a flat window, seen from the water: rays start at ``center_m``."""
 
     camera: Camera
     window: FlatWindow

@@ -9,9 +9,7 @@ from calibration.rig import Camera, StereoRig
 
 Size = tuple[int, int]
 ROUNDING_PX = 1.0
-"""A side of a resized image may be off so far from the exact factor: binning drops the odd last
-row.
-"""
+"""A side of a resized image may be off so far from the exact factor: binning drops a row."""
 
 
 SAME_FACTOR = 0.15

@@ -28,9 +28,7 @@ class RangeError:
 
 @dataclass(frozen=True)
 class RigErrors:
-    """Standard errors, relative. focal: of the worse camera. baseline: of their distance.
-    stated_by: what states them.
-    """
+    """Standard errors, relative. focal: of the worse camera. baseline: of their distance."""
 
     focal: float
     baseline: float

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.port import FLAT_PORT
+from calibration.port import DESCRIBE_PORT
 from calibration.rectification import DIAGONAL_DEG, plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
 from calibration.transforms import inverse, is_backward
@@ -77,8 +77,8 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
             "calibrated in air: behind a flat port under water, ranges are wrong by about a "
-            "quarter; calibrate in water, or describe the port: --set "
-            f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
+            "quarter; calibrate in water, or describe the port: "
+            f"{DESCRIBE_PORT}"
         )
     return tuple(found)
 

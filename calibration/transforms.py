@@ -95,9 +95,7 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def interpolate(before: Array, after: Array, fraction: Array) -> Array:
-    """The poses (N, 4, 4) at fractions (N,) of the way between two: on a straight line, with
-    constant angular velocity.
-    """
+    """Poses (N, 4, 4) at fractions (N,) between two: straight line, constant angular velocity."""
     T = before.copy()
     turn = rotation_vector(np.swapaxes(before[:, :3, :3], 1, 2) @ after[:, :3, :3])
     part = np.asarray(fraction)[:, None]

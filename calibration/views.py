@@ -87,9 +87,7 @@ def whole_view(left: tuple[AnyCamera, Array], right: tuple[AnyCamera, Array], al
 
 
 def _inner_bounds(camera: AnyCamera, R: Array) -> Array:
-    """((x0, y0), (x1, y1)) slopes of the largest upright rectangle found inside the camera's
-    rectified outline.
-    """
+    """((x0, y0), (x1, y1)) slopes of the largest upright rectangle in the rectified outline."""
     edges = _edges(camera, R)
     # a camera turned by a quarter has its top edge at the right of the rectified view
     turns = quarter_turns_of(R)

@@ -45,9 +45,7 @@ _PLACES = {
     "rectify": "commands.run",
     "run": "commands.run",
 }
-"""Where each public name is defined; OpenCV, torch and numba are loaded when a name that needs them
-is used.
-"""
+"""Where each public name is defined; OpenCV, torch and numba are loaded when they are used."""
 
 __all__ = [
     "Correction",

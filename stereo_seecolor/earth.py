@@ -1,6 +1,4 @@
-"""Positions on Earth (WGS 84): degrees to meters about an origin and back, geocentric
-coordinates, and axes.
-"""
+"""Positions on Earth (WGS 84): degrees and meters, geocentric coordinates, and axes."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -3,6 +3,8 @@ exceptions keep their traceback.
 """
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _NOT_PRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
@@ -10,9 +12,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def printable(text: str) -> str:
-    """``text`` as valid UTF-8 on one line: control characters, and bytes of file names that are not
-    UTF-8, become %XX.
-    """
+    """``text`` as one line of valid UTF-8: control characters and other bytes become %XX."""
     return _NOT_PRINTABLE.sub(lambda match: _percent(match[0]), text)
 
 
@@ -87,3 +87,18 @@ class MappingError(SeeColorError):
 
 class ComparingError(SeeColorError):
     """Two surveys that cannot be compared."""
+
+
+@contextmanager
+def library_for(what: str, extra: str, kind: type[SeeColorError] = DeviceError) -> Iterator[None]:
+    """Raise ``kind`` where a library that the block imports is missing.
+
+    what: what needs it. extra: of this package, which installs it.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise kind(
+            f"{what} needs a library that is missing ({error}): pip install "
+            f"'stereo-seecolor[{extra}]'"
+        ) from error

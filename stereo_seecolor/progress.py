@@ -8,9 +8,7 @@ from typing import Protocol
 from stereo_seecolor.records import FrameRow
 
 LOG_EVERY_S = 60.0
-"""Seconds between two lines of the log on one stage: they show how far a long run had come before a
-crash.
-"""
+"""Seconds between two log lines of a stage: how far a long run had come before a crash."""
 
 log = logging.getLogger(__name__)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")

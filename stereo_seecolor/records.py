@@ -81,9 +81,7 @@ class StereoFrame:
 
 
 def is_monochrome(image: NDArray[np.generic]) -> bool:
-    """True where red, green and blue are equal everywhere: the picture of a monochrome camera. A
-    uniform image is not.
-    """
+    """True where red, green and blue are equal everywhere, and the image is not uniform."""
     sample = image[::16, ::16]  # enough to tell nearly every color image
     if not (sample == sample[..., :1]).all() or not (image == image[..., :1]).all():
         return False
@@ -266,9 +264,7 @@ class Correction:
         )
 
     def one_band(self) -> "Correction":
-        """The correction of a monochrome camera's image: green, in the middle of its band, in all
-        three channels.
-        """
+        """The correction of a monochrome camera's image: green, in all three channels."""
         linear = None if self.linear is None else self.linear[..., [1, 1, 1]]
         return replace(self, image=self.image[..., [1, 1, 1]], linear=linear)
 

@@ -25,9 +25,7 @@ CONVERGED = 1e-7  # gain of a step, of the squared error
 
 @dataclass(frozen=True, eq=False)
 class CornerObservation:
-    """Corners of one view in one camera. side: 0 left, 1 right; points_m: (n, 3) on the target;
-    pixels: (n, 2).
-    """
+    """Corners of a view in one camera. side: 0 left, 1 right; points_m: (n, 3); pixels: (n, 2)."""
 
     view: int
     side: int
@@ -146,9 +144,7 @@ def solve(
     poses_only: bool = False,
     iterations: int = MAX_ITERATIONS,
 ) -> Bundle:
-    """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move
-    the target.
-    """
+    """The bundle of least reprojection error near ``start``. poses_only: move the target alone."""
     sides = _by_side(observations)
     bundle, error = start, _cost(start, sides)
     damping = 1e-3

@@ -42,9 +42,7 @@ def first_guess(views: Sequence[TargetView], target: Target, lens: Lens) -> Bund
 
 
 def fit_camera(lens: Lens, observations: list[CornerObservation], image_size: Size) -> Bundle:
-    """Fit one camera alone by bundle adjustment. observations: all of side 0, views numbered from 0
-    without a gap.
-    """
+    """Fit one camera by bundle adjustment. observations: of side 0, views numbered from 0."""
     if lens.model == "fisheye":
         fits = [
             _fit_fisheye(lens, guess * image_size[0], observations, image_size)

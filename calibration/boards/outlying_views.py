@@ -88,9 +88,7 @@ def view_errors(bundle: Bundle, views: Sequence[TargetView], target: Target) -> 
 def _blame(
     bundle: Bundle, views: list[TargetView], number: int, target: Target, limit: float
 ) -> str:
-    """Why a view does not fit: the corners of one image are bad (it does not fit alone), or the two
-    images disagree.
-    """
+    """Why a view does not fit: one image is bad (alone, too), or the two images disagree."""
     own = [o for o in observations_of(views, target) if o.view == number]
     alone = [rms(solve(bundle, [o], poses_only=True), [o]) for o in own]
     bad = [

@@ -1,6 +1,4 @@
-"""Print a calibration target at its true size: PDF with exact rectangles, or PNG at a stated
-resolution.
-"""
+"""Print a target at its true size: PDF with exact rectangles, or PNG of a stated resolution."""
 
 import struct
 import zlib

@@ -1,6 +1,4 @@
-"""The report on a calibration: errors by view, coverage of the image, standard errors, and a
-verdict in one line.
-"""
+"""The report on a calibration: errors by view, coverage, standard errors, and a verdict."""
 
 from dataclasses import dataclass, field
 from typing import Literal

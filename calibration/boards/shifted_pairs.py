@@ -1,6 +1,4 @@
-"""Pairs of a target of which one side lost images: the left image of one pair belongs to the right
-image of another.
-"""
+"""Pairs of a target of which one side lost images, so that images of different pairs meet."""
 
 from collections.abc import Sequence
 from itertools import pairwise

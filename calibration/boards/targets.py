@@ -72,9 +72,7 @@ class Charuco:
         return _grid(self.columns - 1, self.rows - 1, self.square_m)
 
     def board(self, legacy: bool = False) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board; legacy: the layout of OpenCV before 4.6, whose even-rowed boards start
-        with a marker.
-        """
+        """OpenCV's board; legacy: as before 4.6, whose even-rowed boards start with a marker."""
         dictionary = cv2.aruco.getPredefinedDictionary(
             getattr(cv2.aruco, f"DICT_{self.dictionary}")
         )

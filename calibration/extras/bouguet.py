@@ -19,9 +19,7 @@ from calibration.transforms import rigid_transform
 
 Size = tuple[int, int]
 STDS = 3
-"""The toolbox's *_error are "approximately three times the standard deviations", as its own page on
-parameters says.
-"""
+"""The toolbox's *_error are "approximately three times the standard deviations" (its manual)."""
 
 
 def matches(document: Section) -> bool:

@@ -50,9 +50,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig of two cameras, of which other readings may be. Raises CalibrationError for another
-    number of cameras.
-    """
+    """The rig of two cameras; other readings may be. Raises CalibrationError for another number."""
     numbers = document.numbers(KEY)
     if numbers[0] != 2:
         raise CalibrationError(f"{document.where}: holds {numbers[0]:g} cameras, and a rig has two")

@@ -37,9 +37,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig of two cameras. Raises CalibrationError for another number of them, or a lens model
-    without an equal here.
-    """
+    """The rig. Raises CalibrationError for other than two cameras, or an unknown lens model."""
     whole = document.section("Calibration") if document.has("Calibration") else document
     cameras = whole.content["cameras"]
     if len(cameras) != 2 or not all(isinstance(camera, Mapping) for camera in cameras):

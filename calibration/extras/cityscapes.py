@@ -21,9 +21,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rectified rig. image_size: (width, height); the data set's own where it is not given,
-    since the file has none.
-    """
+    """The rectified rig. image_size: (width, height); the data set's own where not given."""
     lens = document.section("intrinsic")
     K = camera_matrix(*(lens.number(key) for key in ("fx", "fy", "u0", "v0")))
     camera = make_camera(lens.where, K, np.zeros(0), image_size or (2048, 1024), "pinhole")

@@ -20,9 +20,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rectified rig, meters; the right principal point is the left one plus doffs (Z = f B / (d
-    + doffs)).
-    """
+    """The rectified rig, meters; right principal point = left + doffs (Z = f B / (d + doffs))."""
     size = document.image_size("width", "height") if document.has("width") else image_size
     if size is None:
         raise SizeMissingError(f"{document.where}: {SIZE_MISSING}")

@@ -1,6 +1,4 @@
-"""oplab's ``stereo_<left>_<right>.yaml``: two cameras with ROS's keys, and the extrinsics of
-OpenCV's stereoCalibrate.
-"""
+"""oplab's ``stereo_<left>_<right>.yaml``: ROS's keys, with OpenCV's extrinsics."""
 
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.reading.section import Section, naming

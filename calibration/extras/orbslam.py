@@ -1,6 +1,4 @@
-"""ORB-SLAM2/3 settings: the new keys (Camera1.fx, Stereo.T_c1_c2) and the old (Camera.bf with
-LEFT.K, RIGHT.K).
-"""
+"""ORB-SLAM2/3 settings: new keys (Camera1.fx, Stereo.T_c1_c2) and old ones (Camera.bf, LEFT.K)."""
 
 import numpy as np
 

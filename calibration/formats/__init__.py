@@ -210,9 +210,7 @@ def _format_of(document: Section) -> str | None:
 
 
 def _two_cameras(document: Section) -> tuple[str, CameraFormat, list[Section]] | None:
-    """The name of the format, the format, and the mappings of two cameras in one file; None if it
-    holds no such two.
-    """
+    """The format's name, the format, and the mappings of two cameras in one file; else None."""
     cameras = [
         document.section(key) for key, value in document.content.items() if isinstance(value, dict)
     ]

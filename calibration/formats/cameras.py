@@ -23,9 +23,7 @@ def make_camera(
 
 
 def known_lens(section: Section, key: str, known: Iterable[str], usual: str = "") -> str:
-    """The name of a lens model under ``key``, which must be a known one; where the file names none,
-    the ``usual`` one.
-    """
+    """The name of the lens model under ``key``; where the file names none, the ``usual`` one."""
     name = usual if usual and not section.has(key) else section.text(key)
     if name not in known:
         raise CalibrationError(

@@ -37,9 +37,7 @@ MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
     "OPENCV_FISHEYE": (2, ("k1", "k2", "k3", "k4"), "fisheye"),
     "FOV": (2, ("omega",), "pinhole"),
 }
-"""Focal lengths that a model has, the coefficients after the principal point, and what it is
-here.
-"""
+"""A model's focal lengths, its coefficients after the principal point, and what it is here."""
 
 
 def matches(document: Section) -> bool:
@@ -49,9 +47,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The rig. image_size: for rig_config.json alone, which stores none. Raises CalibrationError,
-    naming the key.
-    """
+    """The rig. image_size: for rig_config.json, which stores none. Raises CalibrationError."""
     try:
         cameras = _cameras(document)
         if document.has(RIGS):

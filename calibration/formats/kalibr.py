@@ -71,9 +71,7 @@ def parse(document: Section) -> StereoRig:
 
 
 def _pose(sections: list[Section]) -> NDArray[np.float64]:
-    """T_cn_cnm1, (4, 4); of files that hold each camera's pose to an IMU alone (OpenVINS writes
-    T_imu_cam), from these.
-    """
+    """T_cn_cnm1, (4, 4); else from each camera's pose to an IMU (OpenVINS writes T_imu_cam)."""
     if not sections[1].has("T_cn_cnm1"):
         for key in ("T_cam_imu", "T_imu_cam"):
             if all(section.has(key) for section in sections):

@@ -1,6 +1,4 @@
-"""Kalibr's ``NAME-results-cam.txt`` next to its camchain: the standard errors that the camchain
-does not contain.
-"""
+"""Kalibr's ``NAME-results-cam.txt``: the standard errors that the camchain does not contain."""
 
 import re
 from pathlib import Path

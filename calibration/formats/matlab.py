@@ -41,9 +41,7 @@ _OF_PAIR = {
     name.lower(): name for name in ("RotationOfCamera2", "TranslationOfCamera2", "PoseCamera2")
 }
 _NUMBERED = re.compile(rf"(?:camera(?:parameters|params)?([12]))?({'|'.join(_OF_CAMERA)})([12])?")
-"""A property of one camera, saved as a variable of its own: ``IntrinsicMatrix1``,
-``camera2_RadialDistortion``.
-"""
+"""A property of one camera as a variable: ``IntrinsicMatrix1``, ``camera2_RadialDistortion``."""
 
 
 def matches(document: Section) -> bool:

@@ -1,6 +1,4 @@
-"""The native ``cam.yaml``: one file for a rig, versioned, in meters, with all conventions
-stated.
-"""
+"""The native ``cam.yaml``: one versioned file for a rig, in meters, with its conventions."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -67,9 +65,7 @@ class _MovementModel(_Strict):
 
 
 class _RefinedModel(_Strict):
-    """What has moved: radians, or a relative change for scale; it is in the cameras and in
-    T_right_left already.
-    """
+    """What has moved: radians, or a relative scale; cameras and T_right_left already contain it."""
 
     movements: list[_MovementModel]
     before_px: float

@@ -31,9 +31,7 @@ INTO_CAMERA = "the poses of the two cameras map into their axes"
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
-"""A size whose middle is this much nearer to the principal point with its numbers exchanged is
-(rows, columns).
-"""
+"""A size whose middle is nearer by this to the exchanged principal point is (rows, columns)."""
 SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
@@ -205,9 +203,7 @@ def write(rig: StereoRig, path: Path) -> None:
 def size_of(
     document: Section, parts: Parts, side: Side, K: np.ndarray, image_size: Size | None
 ) -> Size:
-    """Of the camera, of both, or as given. Exchanged where it is (rows, columns), which the
-    principal point tells.
-    """
+    """Of the camera, of both, or as given; exchanged where the principal point asks for it."""
     for leaf in (parts.get("size", one) for one in (side, "", "left")):
         if leaf is None or leaf.numbers[:2].min() < LEAST_SIDE_PX:
             continue
@@ -226,9 +222,7 @@ def size_of(
 
 
 def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
-    """The camera models that the file can mean: four coefficients without a model's name are k1 k2
-    p1 p2 or a fisheye's.
-    """
+    """The models that the file can mean: four coefficients alone are k1 k2 p1 p2 or a fisheye's."""
     named = {
         str(text).lower().replace("_", "")
         for said, text in texts(document.content)

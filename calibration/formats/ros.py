@@ -43,7 +43,9 @@ def parse(left: Section, right: Section) -> StereoRig:
     Raises CalibrationError where the cameras' names and the geometry both say that left and right
     are swapped.
     """
-    rotations = [_rotation(side) for side in (left, right)]
+    rotations = [
+        side.matrix(side.first("rectification_matrix", "R", "r"), 3, 3) for side in (left, right)
+    ]
     projections = [
         side.matrix(side.first("projection_matrix", "P", "p"), 3, 4) for side in (left, right)
     ]
@@ -65,9 +67,7 @@ def parse_camera(section: Section) -> Camera:
 
 
 def check_sides_named(rig: StereoRig, names: list[str]) -> None:
-    """Raise CalibrationError if the second camera stands to the left of the first, and their names
-    say so too.
-    """
+    """Raise CalibrationError if the second camera stands left of the first, as their names say."""
     named_so = "right" in names[0].lower() and "left" in names[1].lower()
     if named_so and is_backward(rig.T_right_left):
         raise CalibrationError(
@@ -147,10 +147,6 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
         )
         with write_atomic(path) as temporary:
             temporary.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
-
-
-def _rotation(section: Section) -> NDArray[np.float64]:
-    return section.matrix(section.first("rectification_matrix", "R", "r"), 3, 3)
 
 
 def _camera_text(camera: Camera, R: NDArray[np.float64], P: NDArray[np.float64], side: str) -> str:

@@ -1,3 +1,1 @@
-"""A calibration tested on images of a dive: matched points, vertical disparity, motion, and usual
-mistakes.
-"""
+"""A calibration tested on a dive: matched points, vertical disparity, motion, usual mistakes."""

@@ -45,11 +45,8 @@ _AT_ONCE = 128  # windows, which take 60 MB
 def align(
     first: NDArray[np.uint8], second: NDArray[np.uint8], at_first: Array, at_second: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Align the windows around points (n, 2) of the first image with those around points (n, 2) of
-    the second.
-
-    Returns:
-        (n, 2) pixels of the second image, and (n,) whether the windows agree.
+    """Align the windows around points (n, 2) of the first image with those of the second: (n, 2)
+    pixels of the second image, and (n,) whether the windows agree.
     """
     smooth = [
         cv2.GaussianBlur(image, (0, 0), LIMITS.smoothing_px).astype(np.float32)

@@ -127,9 +127,7 @@ def _with_one_more(points: DivePoints, continued: Sequence[RigEvidence]) -> list
 
 
 def _fitted(points: DivePoints, causes: tuple[int, ...], amounts: Array) -> RigEvidence | None:
-    """The amounts that leave the least evidence; None where there are none, or they are more than
-    any cause makes.
-    """
+    """The amounts that leave the least evidence; None without any, or beyond what causes make."""
     most = 2 * np.array([CAUSES[cause].amount.most for cause in causes])
     with suppress(CalibrationError, np.linalg.LinAlgError, cv2.error):
         for _ in range(ROUNDS):

@@ -1,6 +1,4 @@
-"""Matched points of both rectified images of a pair, with sub-pixel positions; their rows may
-differ.
-"""
+"""Sub-pixel matches of both rectified images of a pair; their rows may differ."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -249,9 +247,7 @@ def _mutual(
 
 
 def _clearly_nearest(squared: NDArray[np.float32], ratio: float) -> NDArray[np.int64]:
-    """(n,) column of the least of each row (n, m), which is overwritten; -1 where the second least
-    is not clearly more.
-    """
+    """(n,) column of the clearly least of each row (n, m), which is overwritten; else -1."""
     rows = np.arange(len(squared))
     nearest = squared.argmin(axis=1)
     first = squared[rows, nearest]
@@ -282,9 +278,7 @@ def _follow(
     points: NDArray[np.float32],
     start: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Where points (n, 2) of the first image lie in the second, from ``start`` on, and whether they
-    were found.
-    """
+    """Where points (n, 2) of the first image lie in the second, and whether they were found."""
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
     moved, found, _ = cv2.calcOpticalFlowPyrLK(
         first,

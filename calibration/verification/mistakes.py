@@ -197,9 +197,7 @@ def fit_of(
 
 
 def _off_their_lines(left: Array, right: Array, T: Array) -> Array:
-    """(n,) Sampson's distance of rays with z = 1 from the epipolar geometry (Hartley and Zisserman
-    2004, sec. 11.4.3).
-    """
+    """(n,) Sampson's distance of rays with z = 1 (Hartley and Zisserman 2004, sec. 11.4.3)."""
     x, y, z = T[:3, 3] / np.linalg.norm(T[:3, 3])
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T[:3, :3]
     lines_right, lines_left = left @ essential.T, right @ essential

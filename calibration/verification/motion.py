@@ -269,9 +269,7 @@ def _without_columns(couple: SeenTwice, columns_px: float, geometry: RectifiedPa
 
 
 def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float:
-    """By how much disparities differ between two moments (median), where most couples show it; 0
-    where they do not.
-    """
+    """Median difference of disparities between two moments where most couples show it; else 0."""
     found_px = np.array([abs(one.values[value]) for one in own])
     std_px = np.array([one.std[value] for one in own])
     clear = found_px > np.maximum(LIMITS.uneven * disparity_px, LIMITS.pair_deviations * std_px)

@@ -168,9 +168,7 @@ class Motion:
 
     @property
     def between(self) -> str:
-        """What differs from pair to pair, the cause that its rival leaves, and what to do; ""
-        where nothing does.
-        """
+        """What differs from pair to pair, its cause, and what to do; "" where nothing does."""
         if not self.between_px:
             return ""
         error = self.between_px / self.disparity_px

@@ -12,9 +12,7 @@ Array = NDArray[np.float64]
 
 
 def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
-    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend
-    over the image.
-    """
+    """Matches within a few deviations of a smooth trend of row differences over the image."""
     x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
     disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
     one = np.ones_like(x)

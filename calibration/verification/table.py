@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.port import FLAT_PORT, flat_port
+from calibration.port import DESCRIBE_PORT, FLAT_PORT, flat_port
 from calibration.rectification import upright_rotations
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import rigid_transform
@@ -174,8 +174,7 @@ CROPPED = Cause(
 IN_AIR = Cause(
     "light bent by a flat port (index {} +- {}), as with a calibration made in air",
     Amount(1, 1e-3, 0.42, 0.26, zero=1),  # water is 1.33 to 1.36
-    "calibrate in water, or describe the port: --set "
-    f"input.flat_port={FLAT_PORT} (lens to window, and its thickness)",
+    "calibrate in water, or describe the port: " + DESCRIBE_PORT,
     _in_water,
 )
 LENSES = (

@@ -1,6 +1,4 @@
-"""Vertical disparity of matched points of a dive: what it says of a calibration, and what explains
-it.
-"""
+"""Vertical disparity of a dive's matched points: what it says of a calibration, and its causes."""
 
 from dataclasses import dataclass
 
@@ -115,9 +113,7 @@ class RowCheck:
 
     @property
     def one_picture(self) -> bool:
-        """Tell whether points lie at the same places of both images, as in one camera's picture
-        that was given twice.
-        """
+        """Whether points lie at the same places of both images, as in one picture given twice."""
         return self.apart_px < LIMITS.apart_px
 
     @property
@@ -127,9 +123,7 @@ class RowCheck:
 
     @property
     def refusal(self) -> str:
-        """Why these are not images of this rig that ranges can be had from, and what to do; ""
-        where they may be.
-        """
+        """Why ranges cannot be had from these images, and what to do; "" where they may be."""
         if self.one_picture:
             return (
                 f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart in "

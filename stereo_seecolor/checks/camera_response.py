@@ -14,9 +14,7 @@ from stereo_seecolor.inputs.stated_encoding import stated_encoding
 from stereo_seecolor.records import Image
 
 LEFT_FRAMES, RIGHT_FRAMES = 6, 3
-"""Frames, spread over the dive: noise curves of six agree within some 10 %; only the left image is
-corrected.
-"""
+"""Frames, spread over the dive: noise curves of six agree within some 10 %."""
 LEAST_BALANCED = 4
 """Frames that show that all were balanced."""
 SAME_MEAN, SAME_SCENE = 0.005, 0.03
@@ -29,16 +27,9 @@ differs by more (13 %), since other frames are of one scene.
 def settle_response(
     config: RunConfig, pairs: Sequence[Pair], has_right: bool = True
 ) -> tuple[RunConfig, tuple[str, ...]]:
-    """Settle ``color.input_encoding`` where it is auto, with the pedestal.
-
-    Args:
-        config: Settings, with the images as they are stored (``settle_storage``).
-        pairs: All pairs of the dive.
-        has_right: Whether the second file of a pair is an image too.
-
-    Returns:
-        The settings, and a note on what was measured; none for images encoded for a screen, as
-        most are.
+    """Settle ``color.input_encoding`` where it is auto, with the pedestal. has_right: the second
+    file of a pair is an image, too. Returns the settings, and a note on what was measured; none for
+    images encoded for a screen, as most are.
     """
     if config.color.input_encoding != "auto":
         return config, ()

@@ -1,6 +1,4 @@
-"""Checks for left images whose red and blue are exchanged from one image on, or against the right
-ones.
-"""
+"""Checks for left images whose red and blue are exchanged, from one on or in all."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress

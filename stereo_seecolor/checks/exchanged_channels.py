@@ -22,11 +22,8 @@ seven frames of FLSea and in a third of the scenes; others look like another wat
 def exchanged_channels_notes(
     classes: Mapping[int, MomentTable], config: ColorConfig
 ) -> tuple[str, ...]:
-    """Return a note where the colors of a dive fit known waters only with red and blue exchanged.
-
-    Args:
-        classes: Sums of the moment tables of some of its frames, by class of brightness.
-        config: Settings of the color stage.
+    """A note where the colors of a dive fit known waters only with red and blue exchanged. classes:
+    sums of moment tables of some of its frames, by class of brightness.
     """
     if not classes:
         return ()

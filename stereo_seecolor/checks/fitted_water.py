@@ -1,6 +1,4 @@
-"""A check for ranges that are not in meters, from the fitted water: water sets bounds that no unit
-changes.
-"""
+"""A check for ranges that are not in meters, by the bounds that all waters keep."""
 
 from collections.abc import Mapping
 
@@ -22,18 +20,14 @@ green. Fitted, medians of dives: at most 0.28; with ranges 4 times too short in 
 0.85. Light of lamps beside the camera crosses the water twice: up to twice as much.
 """
 LAMPS_FALL_OFF = 2.0
-"""Power of the range by which the light of a lamp beside the camera falls off; less where the sun
-takes part.
-"""
+"""Power of the range by which a lamp's light falls off; less where the sun takes part."""
 LEAST_RED_TO_GREEN = 0.8
 """Of attenuation: 1.26 and more in rendered waters of three kinds; with inverse ranges (60 / range)
 in clear water 0.69. Inverse ranges that look like meters (2 / range) have 0.85 to 1.5: the maps
 tell these themselves (``checks.range_maps``).
 """
 ALIKE = 0.25
-"""Of the mean: channels whose attenuations differ by less may be those of a monochrome camera,
-which tell nothing.
-"""
+"""Of the mean: channels that differ by less may be those of a monochrome camera."""
 
 
 def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ...]:
@@ -56,34 +50,33 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
             "far are exchanged in the range maps, as in disparities and inverse depth, or "
             "red and blue in the images (input.channels=bgr)",
         )
-    cause = (
+    unit = (
         "the unit of the maps (input.range_units_per_m)"
         if given
         else "the unit and the lengths of the calibration"
     )
+    causes = (
+        f"by this factor or more ({unit}), or the encoding of the images is wrong "
+        "(color.input_encoding, another tone curve): colors alone do not show which: measure a "
+        "known length"
+    )
     if red + np.median([_red_std(water) for water in different]) < LEAST_RED:
         return (
             f"{said}: the clearest water attenuates red by {LEAST_RED:.2g}/m, "
-            f"{LEAST_RED / red:.1f} times as much: ranges are too long by this factor or more "
-            f"({cause}), or the encoding of the images is wrong (color.input_encoding, "
-            "another tone curve): colors alone do not show which: measure a known length",
+            f"{LEAST_RED / red:.1f} times as much: ranges are too long {causes}",
         )
     lamps = np.median([min(water.fall_off / LAMPS_FALL_OFF, 1.0) for water in different])
     apart = float(np.nanmedian(rates[:, 0] - rates[:, 1])) / (MOST_RED_OVER_GREEN * (1.0 + lamps))
     if apart > 1:
         return (
-            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short by "
-            f"this factor or more ({cause}), or the encoding of the images is wrong "
-            "(color.input_encoding: linear light read as encoded has this effect): colors "
-            "alone do not show which: measure a known length",
+            f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short "
+            f"{causes}",
         )
     return ()
 
 
 def _attenuation(water: Water) -> NDArray[np.float64]:
-    """(3,) 1/m at the water's typical range; NaN where that is not known, and for gray images,
-    whose channels are alike.
-    """
+    """(3,) 1/m at the water's typical range; NaN where not known, and for gray images."""
     if not water.typical_range_m:
         return np.full(3, np.nan)
     rates = -np.log(water.attenuation(np.array(water.typical_range_m))) / water.typical_range_m

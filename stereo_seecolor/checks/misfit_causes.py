@@ -77,9 +77,7 @@ def flipped_note(
 def _flipped_points(
     pair: Pair, rectification: Rectification, config: InputConfig
 ) -> Counter[tuple[Side, str]]:
-    """The points that agree with one side flipped; none of images that cannot be read or
-    compared.
-    """
+    """The points that agree with one side flipped; none of images that cannot be used."""
     points = Counter[tuple[Side, str]]()
     with contextlib.suppress(InputError, CalibrationError):
         left, right = read_both(pair, config)

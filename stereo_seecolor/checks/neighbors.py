@@ -22,9 +22,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 
 NOTED_MISFITS = 3
-"""Failed pairs of a dive that are compared with their neighbors, which takes as long as matching
-some pairs.
-"""
+"""Failed pairs that are compared with their neighbors, as slow as matching some pairs."""
 NOTED_PARTS = 5
 """Parts of a dive that are out of step of which each is compared with its neighbors."""
 

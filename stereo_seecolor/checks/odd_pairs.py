@@ -48,9 +48,7 @@ def odd_among(
 
 
 def _standing_out(facts: Sequence[Mapping[str, float]]) -> list[int]:
-    """Places of the pairs, MOST_SUSPECTS at most, whose numbers differ the most from those of the
-    pairs around them.
-    """
+    """Places of the pairs, MOST_SUSPECTS at most, that differ the most from their neighbors."""
     far = np.zeros(len(facts))
     for name in ("coverage", "median_range_m", "vertical_px"):
         unknown = 0.0 if name == "vertical_px" else np.nan

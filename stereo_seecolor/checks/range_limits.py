@@ -1,6 +1,4 @@
-"""The limits of range in the settings against features of a dive: reefs lie within 20 m, streets
-and cliffs do not.
-"""
+"""The limits of range in the settings against features of a dive: reefs lie within 20 m."""
 
 from dataclasses import dataclass
 

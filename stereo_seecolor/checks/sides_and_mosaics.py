@@ -72,9 +72,7 @@ def gray_side(images: DiveImages) -> DiveVerdict:
 
 
 def _gray_part(images: DiveImages, looked_at: Sequence[int], of_left: Sequence[bool]) -> str:
-    """The first and the last of the left images without color, of those that were looked at and
-    their neighbors.
-    """
+    """The first and last of the left images without color, as far as they were looked at."""
     pairs = images.pairs
     grays = [place for place, colored in zip(looked_at, of_left, strict=True) if not colored]
     first, last = ends_of_part(
@@ -116,9 +114,7 @@ def _some_pixels(images: DiveImages, path: Path) -> NDArray[np.float64]:
 
 
 def shifted_mosaic(images: DiveImages) -> DiveVerdict:
-    """Files whose mosaic of colors was read one column or row off, on either side: true color is
-    that of left images.
-    """
+    """Files of left images whose mosaic of colors was read one column or row off."""
     for side in ("left", "right"):
         with suppress(InputError):
             looked_at = evenly_spaced(images.pairs, SIDES_OF)

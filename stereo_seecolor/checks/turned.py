@@ -45,7 +45,7 @@ def turned_pairs(
     with the first image, its tag and what to do, and the names of the pairs; "" and none where
     there are none.
     """
-    seen = [(pair, _tags(pair)) for pair in evenly_spaced(pairs, LOOKED_AT)]
+    seen = [(pair, (_tag(pair.left), _tag(pair.right))) for pair in evenly_spaced(pairs, LOOKED_AT)]
     counts = Counter(tags for _, tags in seen)
     if len(counts) < 2:
         return "", frozenset()
@@ -72,10 +72,6 @@ def turned_pairs(
         if all(_is_turned(pair, tags, usual, images, fits) for pair, tags in tested):
             return _line(turned, usual), frozenset(pair.name for pair, _ in turned)
     return "", frozenset()
-
-
-def _tags(pair: Pair) -> tuple[int, int]:
-    return _tag(pair.left), _tag(pair.right)
 
 
 def _tag(path: Path) -> int:

@@ -10,9 +10,7 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line and exit with its code. All imports that take time come after Ctrl-C is
-    taken care of.
-    """
+    """Run the command line and exit with its code. Slow imports come after Ctrl-C is handled."""
     with interrupts():
         try:
             tune_gc()

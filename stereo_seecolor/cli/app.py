@@ -45,9 +45,7 @@ CORE: dict[str, Command] = {
 
 
 def every_command() -> dict[str, Command]:
-    """The commands of the core, then those that packages add; one that cannot be loaded is named on
-    standard error.
-    """
+    """The core's commands, then the packages'; one that cannot be loaded is named on stderr."""
     commands = dict(CORE)
     for name in added("commands"):
         try:

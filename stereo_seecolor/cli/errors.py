@@ -25,9 +25,7 @@ EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 
 
 def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
-    """Run the command line and return its exit code. as_json: known errors are also printed as a
-    JSON object.
-    """
+    """Run the command line and return its exit code. as_json: also print errors as JSON."""
     try:
         code = command_line()
         return code if isinstance(code, int) else EXIT_DONE
@@ -87,9 +85,7 @@ def _is_usage_error(error: Exception) -> bool:
 
 
 def _usage_message(error: Any) -> str:
-    """One line; empty where the program was started without a command, whose help is then
-    printed.
-    """
+    """One line; empty where the program was started without a command and prints its help."""
     if not error.format_message():
         return ""
     context = getattr(error, "ctx", None)

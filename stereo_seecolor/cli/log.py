@@ -21,9 +21,7 @@ class _Formatter(logging.Formatter):
 
 
 class _LogFile(logging.FileHandler):
-    """A log whose disk may be full: the first line that cannot be written is named, once, and the
-    command works on.
-    """
+    """A log whose disk may be full: the first failure is named, once, and the command works on."""
 
     def __init__(self, path: Path, unwritten: list[str]) -> None:
         super().__init__(path, mode="a", encoding="utf-8", errors="backslashreplace")

@@ -31,9 +31,7 @@ def doctor(report: BareReport) -> None:
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
-    """A line for each part of the installation, with the remedy for a missing one, and whether the
-    program can run.
-    """
+    """A line for each part of the installation, and whether the program can run."""
     output = []
     for finding in findings:
         output.append(f"{_state(finding):8}  {finding.what}: {finding.detail}")
@@ -51,9 +49,7 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
 
 
 def _state(finding: "Finding") -> str:
-    """The state of a part in one word: ok, MISSING, or optional for a missing part that a run does
-    not need.
-    """
+    """The state of a part: ok, MISSING, or optional for one that a run does not need."""
     if finding.ok:
         return "ok"
     return "MISSING" if finding.needed else "optional"

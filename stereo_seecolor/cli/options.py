@@ -29,9 +29,7 @@ COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution"
 def option(
     name: str, metavar: str | None, help: str, panel: str | None = None, **limits: Any
 ) -> Any:
-    """An option that takes a value. metavar: None for a choice of words. limits: min and max, of a
-    number.
-    """
+    """An option with a value. metavar: None for a choice of words. limits: of a number."""
     return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **limits)
 
 

@@ -1,6 +1,4 @@
-"""Text for standard output and standard error: lines and tables, on any terminal, without the
-messages of C libraries.
-"""
+"""Text for stdout and stderr: lines and tables, on any terminal, without C libraries' messages."""
 
 import contextlib
 import io
@@ -12,9 +10,7 @@ from stereo_seecolor.errors import OutputError, printable_lines
 
 
 def prepare_streams() -> None:
-    """Write characters that a terminal cannot show as escapes, and replace a closed stream by the
-    null device.
-    """
+    """Escape characters that a terminal cannot show, and replace a closed stream by os.devnull."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -51,9 +47,7 @@ def write_error(text: str) -> None:
 
 
 def discard(stream: TextIO) -> None:
-    """Drop what is left in a stream's buffer, so that the interpreter does not fail on it at
-    exit.
-    """
+    """Drop what a stream's buffer holds, so that the interpreter does not fail on it at exit."""
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())

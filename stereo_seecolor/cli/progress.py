@@ -7,9 +7,7 @@ from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.records import FrameRow
 
 LINE_EVERY_S = 10.0
-"""Seconds between two lines of one stage: often enough to see that it works, 360 lines an hour at
-most.
-"""
+"""Seconds between lines of one stage: it is seen to work, in 360 lines an hour at most."""
 
 
 class PlainLines:
@@ -41,9 +39,7 @@ class PlainLines:
 
 
 class JsonLines:
-    """A listener that writes a line with a JSON object when a stage begins and for each finished
-    pair (docs/json.md).
-    """
+    """A listener that writes a JSON object as a stage begins and for each pair (docs/json.md)."""
 
     def __init__(self) -> None:
         self._stage, self._done, self._total = "", 0, 0

@@ -19,9 +19,7 @@ from stereo_seecolor.records import FrameRow
 
 @contextmanager
 def bar() -> Iterator[Listener]:
-    """A listener that draws a bar for each stage on standard error, with rate, time left and the
-    current pair.
-    """
+    """A listener that draws a bar for each stage on stderr, with rate, time left, current pair."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -19,9 +19,7 @@ MOST_NAMED = 20
 
 
 def run_text(summary: "RunSummary", out: Path) -> str:
-    """The outcome of a run: failed pairs, notes, kinds of errors with their numbers, totals, and
-    results.
-    """
+    """The outcome of a run: failed pairs, notes, kinds of errors with numbers, totals, results."""
     from stereo_seecolor.color.white_point import DOUBT  # loads numpy
 
     bad = [row.line for row in summary.rows if row.status != "ok"]

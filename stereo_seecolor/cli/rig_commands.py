@@ -13,7 +13,6 @@ from stereo_seecolor.cli.results import calibration_content, check_content
 from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
-    from calibration.checks import RowCheck
     from stereo_seecolor.commands.calibrate import CalibrationResult
     from stereo_seecolor.commands.check import CheckResult, RigFacts
 
@@ -206,18 +205,14 @@ def check_text(result: "CheckResult") -> str:
     notes = (f"note: {note}" for note in result.images.notes)
     output = [*_rig_lines(result.rig), *suspicious, *notes, *result.rows.lines()]
     if result.refined is not None:
-        after = [f"refined: {line}" for line in _refined_lines(result.refined_rows)]
+        rows = result.refined_rows
+        after = [f"refined: {line}" for line in ([rows.motion.line, *rows.advice] if rows else [])]
         output += [
             *result.refined.lines(),
             *after,
             f"  {result.refined_file}: the refined calibration",
         ]
     return lines(*output)
-
-
-def _refined_lines(rows: "RowCheck | None") -> list[str]:
-    """The motion and the advice of the row check for the refined rig."""
-    return [rows.motion.line, *rows.advice] if rows else []
 
 
 def _rig_lines(rig: "RigFacts") -> list[str]:

@@ -4,9 +4,7 @@ import io
 from collections.abc import Iterable, Sequence
 
 _WIDEST = 10_000
-"""Width of a line in characters: more than any table has. At a terminal's width, names of frames
-would be cut.
-"""
+"""Width of a line: more than any table has. A terminal's would cut the names of frames."""
 
 
 def lines(*texts: str) -> str:

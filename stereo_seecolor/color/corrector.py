@@ -32,9 +32,7 @@ class RowSampling:
     pixels: int = 400_000
     """Pixels counted at least: of an image with n times as many, every nth row is counted."""
     least_known: int = 65_000
-    """Least pixels with a range in these rows, else all rows are counted: 20 groups of range of
-    3,000 each.
-    """
+    """Least pixels with a range in these rows, else all count: 20 groups of range of 3,000."""
 
 
 SAMPLING = RowSampling()

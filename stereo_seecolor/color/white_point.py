@@ -48,16 +48,8 @@ def white_doubt(water: Water) -> str:
 
 
 def with_white(water: Water, white: PerChannel, error: PerChannel) -> Water:
-    """Change the color of the white point of a water, not its level; other parameters do not
-    change.
-
-    Args:
-        water: The water.
-        white: (3,) R, G, B, of any level.
-        error: (3,) standard errors of its logarithms less their mean.
-
-    Returns:
-        The water with this white point.
+    """Change the color of the white point of a water, not its level, nor other parameters. white:
+    (3,) of any level. error: (3,) standard errors of its logarithms less their mean.
     """
     level = np.exp((np.log(water.white) - np.log(white)).mean())
     brighter = float(LUMINANCE @ (water.white / (level * white)))

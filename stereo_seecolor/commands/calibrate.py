@@ -26,9 +26,7 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.own_paths import refuse_own_place
 
 MOST_FRAMES = 60
-"""Most frames taken of videos, spread over them: neighboring frames show the target in nearly the
-same place.
-"""
+"""Most frames of videos, spread over them: neighbors show the target in nearly the same place."""
 
 MOST_TESTED = 10
 """Most pairs searched for a mistake, where the pairs give no rig."""

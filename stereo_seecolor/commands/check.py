@@ -27,9 +27,7 @@ from stereo_seecolor.files.free_places import refuse_existing
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
-"""Ranges at which the error of a flat port is stated, in units of the range at which the port model
-is exact.
-"""
+"""Ranges at which the error of a flat port is stated, in units of its working range."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,7 @@ class CheckResult:
 
     @property
     def acceptable(self) -> bool:
-        """True if rows agree, with the refined rig where there is one, and so does the motion
-        between neighboring pairs.
-        """
+        """True if rows agree, of the refined rig if there is one, and so does the motion."""
         if self.refined is None:
             return self.rows.acceptable
         return self.refined.after_px <= LIMITS.acceptable_px and not self.is_wrong

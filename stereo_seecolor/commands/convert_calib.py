@@ -71,9 +71,7 @@ def convert_calib(
 
 
 def _refuse_ending(out: Path, to: WritableFormat) -> None:
-    """Raise CalibrationError for a name by which other tools would take the file for another
-    notation.
-    """
+    """Raise CalibrationError for a name that other tools would take for another notation."""
     own, ending = ENDINGS.get(to, ()), out.suffix.lower()
     if own and ending in FOREIGN_ENDINGS.difference(own):
         raise CalibrationError(

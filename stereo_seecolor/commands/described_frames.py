@@ -1,6 +1,4 @@
-"""Writes what a map shows of its frames into their files: residuals of given poses, and positions
-on Earth.
-"""
+"""Writes what a map shows of its frames into their files: residuals, positions on Earth."""
 
 import numpy as np
 from PIL import ExifTags, Image

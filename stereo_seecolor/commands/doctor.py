@@ -187,9 +187,7 @@ def _cuda() -> Finding:
 
 
 def with_system_libraries(finding: Finding) -> Finding:
-    """The finding; where Open3D is installed but lacks libraries of the system, with the command
-    that installs them.
-    """
+    """The finding; where Open3D lacks system libraries, with the command that installs them."""
     if finding.ok or finding.detail == "not installed" or not finding.what.startswith("open3d"):
         return finding
     fix = SYSTEM_LIBRARIES if getattr(os, "geteuid", int)() == 0 else f"sudo {SYSTEM_LIBRARIES}"

@@ -1,6 +1,4 @@
-"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command that fits.
-Nothing is written.
-"""
+"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command."""
 
 import shlex
 from collections.abc import Sequence
@@ -132,9 +130,7 @@ def _searched(places: Sequence[Path]) -> list[Path]:
 
 
 def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
-    """Inspect a dive of images: pair them, find and test a calibration on sample pairs, and find
-    trajectories.
-    """
+    """Inspect a dive of images: pairs, a calibration tested on a sample, and trajectories."""
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
     config, response = settle_response(config, pairing.pairs)
@@ -186,9 +182,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
 
 
 def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
-    """Raise InputError where one side or both hold floating-point images, which are range maps or
-    cannot be read.
-    """
+    """Raise InputError where a side holds floating-point images: range maps, or unreadable."""
     maps, images = (
         (sides.left, sides.right) if left.bits == FLOAT_BITS else (sides.right, sides.left)
     )
@@ -220,9 +214,7 @@ def _refuse_wrong_sizes(calibration: FoundCalibration, left: ImageFacts, right: 
 
 
 def _wrong_ranges(sides: Sides, tested: Tested) -> frozenset[Numbers]:
-    """That ranges of these files would be wrong; not where the run line exchanges sides that no
-    name tells.
-    """
+    """That ranges of these files would be wrong, unless the run line exchanges the sides."""
     rows = tested.rows
     exchanged = tested.exchanged and sides.guessed
     return RANGES if rows and rows.ranges_are_wrong and not exchanged else frozenset()

@@ -25,9 +25,7 @@ from stereo_seecolor.records import FrameResult, Image, StereoFrame
 from stereo_seecolor.run_folder.pair_files import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
-"""Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on
-two sets in daylight.
-"""
+"""Mean brightness, middle over corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 in daylight."""
 
 PASSES_THAT_READ = 2
 """A run reads every pair once to measure and once to correct."""

@@ -140,13 +140,9 @@ def unknown_files(
         place
         for place in places
         if place.exists() and not place.is_dir() and place not in known
-        if not (place.is_file() and _is_images(place))
+        if not (place.is_file() and (place.suffix.lower() in EXTENSIONS or is_video(place)))
     ]
     return tuple(_line(file) for file in files if not any(str(file) in line for line in problems))
-
-
-def _is_images(path: Path) -> bool:
-    return path.suffix.lower() in EXTENSIONS or is_video(path)
 
 
 def _line(file: Path) -> str:

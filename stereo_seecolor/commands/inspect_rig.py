@@ -47,9 +47,7 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
 
 
 def _folders(places: Sequence[Path], paths: Sequence[Path]) -> set[Path]:
-    """Folders that may hold the files of a rig: those of a single file that was given by name hold
-    anything else.
-    """
+    """Folders that may hold files of a rig: that of a file given by name holds anything."""
     given = Counter(place.parent for place in places if place in paths)
     return {path.parent for path in paths if path not in places or given[path.parent] > 1}
 

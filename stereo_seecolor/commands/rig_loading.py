@@ -23,9 +23,7 @@ from stereo_seecolor.plugins import load
 from stereo_seecolor.records import Image, is_monochrome
 
 REFINING_PAIRS = 8
-"""Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as
-twelve, in half the time.
-"""
+"""Pairs that refine a rig before a run: on a real dive six leave the 0.11 px of twelve."""
 
 
 def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:

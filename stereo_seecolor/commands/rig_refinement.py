@@ -79,9 +79,7 @@ def refine_rig(
     images: InputConfig,
     options: RunOptions,
 ) -> StereoRig:
-    """The rig refined with chosen pairs of a dive, those that can be read. Raises CalibrationError
-    if it cannot be.
-    """
+    """The rig refined with readable pairs of a dive. Raises CalibrationError if it cannot be."""
 
     def matched(pair: Pair) -> tuple[Pair, Matches | None]:
         try:

@@ -34,9 +34,7 @@ class RunPage:
         return replace(self.options, listener=Both(self.options.listener, live))
 
     def early_files(self) -> PageFiles | None:
-        """What makes the page's files of frames while the run has their pixels; None where the run
-        writes no page.
-        """
+        """What makes the page's frame files while a run has the pixels; None without a page."""
         whole = self.options.page != "none" and self.options.shard.whole
         if not whole or self.run.last != "corrected" or self.run.rectification is None:
             return None
@@ -55,9 +53,7 @@ class RunPage:
             )
 
     def drop(self) -> None:
-        """Remove the live page of a run that ends by an error: it would say that the run is still
-        in progress.
-        """
+        """Remove the live page of a run that ends by an error: it would show the run at work."""
         if self.options.page == "live":
             self.folder.dive.remove(INDEX)
 

@@ -81,9 +81,7 @@ def stereo_run(
 
 
 def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, last: Stage) -> Opened:
-    """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the
-    disk may be too small.
-    """
+    """Report the disk space that new pairs need. Returns the inputs, with a note if it is short."""
     known = set(folder.manifest.names())
     new = sum(name not in known for name in opened.pairing.names)
     pipeline = opened.pipeline
@@ -145,9 +143,7 @@ def run_session(
 
 
 class _Meter:
-    """Measures a run from its beginning: processor time of this process and of its workers, elapsed
-    time, memory, disk.
-    """
+    """Measures a run: processor time of this process and its workers, elapsed, memory, disk."""
 
     def __init__(self, compute: Compute) -> None:
         self._compute = compute

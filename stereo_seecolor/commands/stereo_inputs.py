@@ -41,9 +41,7 @@ SAMPLE_BYTES = 1 << 20
 
 
 class DiveInputs(Protocol):
-    """What a command is given of a dive: two sides and a calibration (``StereoInputs``), or a
-    recording of both.
-    """
+    """What a command is given of a dive: ``StereoInputs``, or a recording of both sides."""
 
     @property
     def names(self) -> dict[str, str]:
@@ -54,9 +52,7 @@ class DiveInputs(Protocol):
         """Every file and folder that is read."""
 
     def owner(self, kind: str, opened: "Opened | None") -> Owner:
-        """The owner of an output folder with results of these inputs. opened: None where they are
-        opened in the folder.
-        """
+        """The owner of an OUT with results of these inputs. opened: None: opened in the folder."""
 
     def open_first(self, config: RunConfig) -> "Opened | None":
         """The pairs and their pipeline; None for inputs of which OUT keeps how they were opened:
@@ -216,9 +212,7 @@ def _refuse_equal_names(pairing: Pairing) -> None:
 
 
 def calibration_files(calib: str | Path) -> Iterator[Path]:
-    """Every file that a calibration may be read from: those that it names, and those in a folder
-    that it names.
-    """
+    """Every file that a calibration may be read from: named ones, and those in named folders."""
     for place in (Path(part) for part in str(calib).split(",") if part):
         yield place
         if place.is_dir():

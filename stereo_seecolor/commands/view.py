@@ -1,6 +1,4 @@
-"""``view``: open the page of a run in a browser, or its map in a window, of rerun where it is
-installed, else of Open3D.
-"""
+"""``view``: open the page of a run in a browser, or its map in a window of rerun or Open3D."""
 
 import importlib.util
 import os
@@ -19,9 +17,7 @@ from stereo_seecolor.run_folder.own_paths import refuse_links_out
 
 @dataclass(frozen=True)
 class ViewResult:
-    """The viewer that was opened: "browser", "rerun" or "open3d". mesh: the map that it shows, None
-    for the page.
-    """
+    """The opened viewer: "browser", "rerun" or "open3d". mesh: the map shown, None for the page."""
 
     mesh: Path | None
     viewer: str
@@ -88,9 +84,7 @@ def _no_screen(mesh: Path) -> DeviceError:
 
 
 def _rerun_program() -> str | None:
-    """The viewer's program: on the PATH, or in rerun's package; the package's own starter hides its
-    exit code.
-    """
+    """The viewer's program: on the PATH or in rerun's package, whose starter hides exit codes."""
     package = importlib.util.find_spec("rerun_cli")
     inside = list(package.submodule_search_locations or []) if package else []
     return shutil.which("rerun") or next(

@@ -1,3 +1,1 @@
-"""Runs work on threads of this machine or on a cluster, with compiled kernels and bounded
-memory.
-"""
+"""Runs work on this machine's threads or a cluster, with compiled kernels and bounded memory."""

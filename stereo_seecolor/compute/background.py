@@ -1,6 +1,4 @@
-"""Runs work beside the main thread, such as answering a browser, or writing a pair while the next
-is processed.
-"""
+"""Runs work beside the main thread: answers a browser, writes a pair while the next is made."""
 
 import os
 import threading

@@ -51,9 +51,7 @@ class Compiled(Generic[P, R]):
 
     @property
     def missing(self) -> bool:
-        """True if machine code of this function can be kept on disk, and none is for this machine
-        and these sources.
-        """
+        """True if a function's machine code can be kept on disk, and is not for these sources."""
         from stereo_seecolor.compute.kernel_cache import is_missing
 
         return is_missing(self.dispatcher)

@@ -23,9 +23,7 @@ and statistics, with the name of what is used for copies of files alone, which c
 
 
 def at_once(most: int, bytes_each: float) -> int:
-    """How many of ``most`` pieces of work fit into the free memory, at least 1; ``most`` where free
-    memory is unknown.
-    """
+    """How many of ``most`` jobs fit into the free memory, at least 1; ``most`` if unknown."""
     free = free_bytes()
     return most if free is None else max(1, min(most, int(USED_FRACTION * free / bytes_each)))
 

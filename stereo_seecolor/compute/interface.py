@@ -1,6 +1,4 @@
-"""The interface through which commands run work on pairs and tiles, on this machine or on a
-cluster.
-"""
+"""The interface by which commands run work on pairs and tiles, here or on a cluster."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager

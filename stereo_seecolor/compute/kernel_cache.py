@@ -32,9 +32,7 @@ from platformdirs import user_cache_path
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""numba's options for all functions. Without wrappers that nobody calls, compilation takes a
-seventh less time.
-"""
+"""numba's options for all functions; no unused wrappers: compilation is a seventh shorter."""
 INSTALLATIONS_KEPT = 16
 """Folders kept, one for each installation of this user: some 10 MB each."""
 TAG, TAG_CONTENT = (
@@ -61,9 +59,7 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 
 def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """``dispatcher`` for a function that only compiled code calls; its machine code is kept as a
-    part of its callers'.
-    """
+    """``dispatcher`` for a function that only compiled code calls, kept with its callers."""
     return njit(**{**OPTIONS, **options, "no_cpython_wrapper": True})(function)
 
 
@@ -135,9 +131,7 @@ def is_missing(found: Any) -> bool:
 
 
 class _WithoutGarbage(event.Listener):
-    """Stops Python's search for garbage while something is compiled: it takes a tenth to a sixth of
-    numba's time.
-    """
+    """Stops garbage collection during compilation, of whose time it takes a tenth to a sixth."""
 
     def __init__(self) -> None:
         self._depth, self._collects = 0, False
@@ -261,9 +255,7 @@ class _KernelCache(FunctionCache):
         self._cache_file = _KernelFiles(locator.get_cache_path(), name, locator.get_source_stamp())  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load compiled code without the modules that only compilation needs, which numba's own
-        method imports first.
-        """
+        """Load compiled code without the modules that only compilation needs."""
         try:
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
@@ -313,9 +305,7 @@ def _private(folder: Path) -> bool:
 
 
 def _make(folder: Path) -> bool:
-    """Make an installation's folder with its tag where there is none, and remove those that were
-    not used for longest.
-    """
+    """Make a tagged folder of an installation where there is none; remove those longest unused."""
     with contextlib.suppress(OSError):  # of a read-only disk: what is there can be loaded
         if not folder.is_dir():
             folder.mkdir()

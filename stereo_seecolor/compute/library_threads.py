@@ -25,9 +25,7 @@ def one_thread_in_libraries() -> None:
 
 @contextmanager
 def one_thread_in_products() -> Iterator[None]:
-    """Use one thread in products of matrices while the block runs, in a program that has imported
-    numpy before.
-    """
+    """Use one thread in products of matrices in the block, where numpy is imported already."""
     if PRODUCTS in os.environ:
         yield
         return

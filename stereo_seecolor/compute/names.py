@@ -1,6 +1,4 @@
-"""Names of a dive's frames in little memory; a name is found by its number, and a number by its
-name.
-"""
+"""Names of a dive's frames in little memory, found by number, and numbers by name."""
 
 from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

@@ -1,6 +1,4 @@
-"""Long sequences in little memory: a million rows of a dive, 3 kB each as objects, take a few
-megabytes.
-"""
+"""Long sequences in little memory: a million rows of 3 kB take a few megabytes."""
 
 import pickle
 import tempfile
@@ -18,9 +16,7 @@ from stereo_seecolor.errors import OutputError
 Item = TypeVar("Item")
 
 CHUNK = 500
-"""Items that are packed together: unpacking 500 rows takes some 10 ms. Shorter sequences are not
-packed.
-"""
+"""Items packed together: unpacking 500 rows takes 10 ms. Shorter sequences are not packed."""
 IN_MEMORY = 1 << 22
 """Bytes of packed chunks that stay in memory, 15,000 rows; more go to a temporary file, which is
 deleted with the process.
@@ -37,9 +33,7 @@ class _Open(Generic[Item]):
 
 
 class Packed(Lazy[Item]):
-    """A sequence of picklable items: appended at the end, and read or replaced anywhere; fast if
-    accessed in order.
-    """
+    """A sequence of picklable items: appended at the end, read or replaced anywhere."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115  # the next line closes it

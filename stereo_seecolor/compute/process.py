@@ -52,9 +52,7 @@ cycles wait for a collection.
 
 
 def tune_gc() -> None:
-    """Collect garbage after many more new objects, and not when the process ends, which would take
-    a third of a second.
-    """
+    """Collect garbage after more new objects, and not at the end, which would take 0.3 s."""
     gc.set_threshold(NEW_OBJECTS, ROUNDS, ROUNDS)
     atexit.unregister(_end)
     atexit.register(_end)

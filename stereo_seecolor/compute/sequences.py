@@ -1,6 +1,4 @@
-"""Sequences whose items are read or made when asked for, since those of a dive do not fit into
-memory.
-"""
+"""Sequences whose items are made when asked for, since a dive's do not fit into memory."""
 
 from abc import abstractmethod
 from collections.abc import Sequence

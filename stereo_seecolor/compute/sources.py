@@ -1,6 +1,4 @@
-"""Hashes of a module's source code with all modules that it imports, to tell whether kept results
-are current.
-"""
+"""Hashes of a module's source and of all it imports, to tell whether results are current."""
 
 import hashlib
 import re

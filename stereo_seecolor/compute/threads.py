@@ -1,6 +1,4 @@
-"""Runs work in threads of this process: on many pairs at once, with results in order; and on the
-parts of one image.
-"""
+"""Runs work in threads: on many pairs at once, with results in order; on parts of one image."""
 
 import os
 import threading

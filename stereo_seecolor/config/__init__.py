@@ -1,6 +1,4 @@
-"""All settings: a frozen model for each stage, with the reason for each default in its
-description.
-"""
+"""All settings: a frozen model a stage; descriptions hold the reason for each default."""
 
 from collections.abc import Iterator
 from pathlib import Path

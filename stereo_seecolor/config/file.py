@@ -222,13 +222,9 @@ def _merge(base: _Content, over: _Content) -> _Content:
     both = {
         key: _merge(base[key], over[key])
         for key in base.keys() & over.keys()
-        if _are_mappings(base[key], over[key])
+        if isinstance(base[key], dict) and isinstance(over[key], dict)
     }
     return {**base, **over, **both}
-
-
-def _are_mappings(*values: object) -> bool:
-    return all(isinstance(value, dict) for value in values)
 
 
 def _read(path: Path) -> _Content:
@@ -251,9 +247,7 @@ def _read(path: Path) -> _Content:
 
 
 def _parsed(text: str) -> Any:
-    """The content of JSON or YAML text. JSON is tried first: the run.json of a long dive would take
-    minutes as YAML.
-    """
+    """The content of JSON or YAML. JSON first: run.json of a long dive takes minutes as YAML."""
     try:
         return load_json(text)
     except TooMuchError:
@@ -293,9 +287,7 @@ def flat(content: _Content, prefix: str = "") -> _Content:
 
 
 def _origin(layers: Sequence[_Layer], key: Sequence[str]) -> str | None:
-    """The origin of the last layer that holds the key, or a value in place of one of its sections;
-    None for none.
-    """
+    """The origin of the last layer that holds the key, or overwrites a section of it; or None."""
     return next((layer.origin for layer in reversed(layers) if _holds(layer.content, key)), None)
 
 

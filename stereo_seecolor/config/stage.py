@@ -10,8 +10,6 @@ FilePath = Annotated[Path, Strict(False)]
 
 
 class StageConfig(BaseModel):
-    """Frozen settings, strictly checked: true, "1", infinity and NaN are not numbers, and unknown
-    keys are refused.
-    """
+    """Frozen settings, strictly checked: true, "1", infinity and NaN are not numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

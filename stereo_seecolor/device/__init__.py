@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.device.memory import Memory
 
 DRIVERS = ("/dev/nvidiactl", "/dev/nvmap", "/dev/dxg", "C:/Windows/System32/nvcuda.dll")
-"""One of these is there where NVIDIA's driver is: of a card, of a Jetson, of a card in WSL, and in
-Windows.
-"""
+"""One of these exists with NVIDIA's driver: of a card, a Jetson, a card in WSL, in Windows."""
 
 
 class Rectifies(Protocol):

@@ -71,7 +71,9 @@ class DeviceMatcher(Matcher):
         if self._config.engine != "sgm":
             return super().matched(frame)
         left, right = (gray(self._memory.tensor(image)) for image in (frame.left, frame.right))
-        small_left, small_right = (self._reduced(image) for image in (left, right))
+        small_left, small_right = (
+            shrink(image, self._scale).cpu().numpy().astype(np.uint16) for image in (left, right)
+        )
         reason = diagnostics.unusable(small_left, small_right)
         if reason:
             return RangeMap.unknown(
@@ -103,13 +105,8 @@ class DeviceMatcher(Matcher):
         )
         return found_ranges, detail
 
-    def _reduced(self, image: Tensor) -> NDArray[np.uint16]:
-        return shrink(image, self._scale).cpu().numpy().astype(np.uint16)
-
     def _search(self, left: Tensor, right: Tensor) -> tuple[sgm.FoundDisparities, float]:
-        """The search at reduced size, then in bands around what it found; and the fraction known at
-        reduced size.
-        """
+        """The search at reduced size, then in bands around it; and the fraction known there."""
         lowest, highest = self._lowest // self._scale, -(-self._highest // self._scale)
         small_left, small_right = (shrink(image, self._scale) for image in (left, right))
         everywhere = Band.everywhere((small_left.shape[0], small_left.shape[1]), lowest, highest)

@@ -1,6 +1,4 @@
-"""Rectification on a device: the sums of ``cv2.remap`` with the same tables, to the bit for 8-bit
-images.
-"""
+"""Rectification on a device: ``cv2.remap`` with the same tables, to the bit for 8-bit images."""
 
 from typing import Any
 

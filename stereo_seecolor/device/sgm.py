@@ -21,9 +21,7 @@ from stereo_seecolor.matching.sgm import search as compiled
 from stereo_seecolor.matching.sgm.search import FAR, P1_SHIFT, PENALTIES, TILE, Band
 
 VOLUME_BYTES = {"cpu": 1 << 26}
-"""Bytes of costs that are held at once, by type of device; a pair with more is matched in groups of
-strips.
-"""
+"""Bytes of costs held at once, by type of device; larger pairs go in groups of strips."""
 VOLUME_BYTES_GPU = 1 << 30
 _BORDER = 3
 

@@ -59,9 +59,7 @@ def contrast_gain(left: Tensor, right: Tensor) -> Tensor:
 
 
 def _smoothed(disparity: Tensor) -> Tensor:
-    """The mean with neighbors within one pixel, of a row's five pixels, then of five rows; ends of
-    rows are kept.
-    """
+    """The mean with neighbors within a pixel, five a row, then five rows; ends are kept."""
     reach = SMOOTHED // 2
     width = disparity.shape[1]
     inner = [disparity[:, reach + k : width - reach + k] for k in (-2, -1, 1, 2)]

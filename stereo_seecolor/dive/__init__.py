@@ -1,3 +1,1 @@
-"""All pairs of a dive: the passes over them (``passes``), and the work of each pass on one frame
-(``frames``).
-"""
+"""All pairs of a dive: the passes over them, and the work of each pass on one frame."""

@@ -1,6 +1,4 @@
-"""A command at work on the pairs of a dive: passes of work over all pairs, and the records of
-each so far.
-"""
+"""A command at work on the pairs of a dive: passes over all pairs, and records so far."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

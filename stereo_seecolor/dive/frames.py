@@ -180,9 +180,7 @@ def read_frame(frames: Frames, pair: Pair) -> tuple[Image, Map]:
 
 
 def _pixels(frames: Frames, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
-    """The (rectified) left image and the range map of a pair; measured again where its files were
-    damaged since.
-    """
+    """The (rectified) left image and range map of a pair; measured again if files were damaged."""
     if ranged.measured:
         return ranged.measured
     source, pair = frames.source, ranged.pair
@@ -314,9 +312,7 @@ def _corrected(
 
 
 def _light_gain(light: Light | None, name: str) -> dict[str, float]:
-    """light_gain, for frames.csv: the factor by which the frame is brighter than usual; empty where
-    it was not measured.
-    """
+    """light_gain of frames.csv: how much brighter than usual a frame is; empty if not measured."""
     if light is None or name not in light.gains:
         return {}
     return {"light_gain": float(np.exp(light.gains[name].mean()))}

@@ -61,18 +61,14 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class LightSegments:
-    """Frames that are examined together, as one piece of work. Results do not depend on where the
-    dive is cut.
-    """
+    """Frames examined together, as one piece of work; where the dive is cut changes no result."""
 
     frames: int = 64
     """A segment begins with four frames of the one before, which are examined twice. Some five
     seconds of work for one core, so that 10,000 frames are enough for a hundred workers.
     """
     least: int = 15
-    """Frames of a segment at least, also where there are fewer for each core: three segments of a
-    long dive's sample.
-    """
+    """Frames of a segment at least, also of short dives: three segments of a long one's sample."""
 
     def length(self, frames: int, parts: int) -> int:
         """Frames in each segment, if ``frames`` are cut into at least ``parts`` parts."""
@@ -81,9 +77,7 @@ class LightSegments:
 
 SEGMENTS = LightSegments()
 MOST_SHADED = 100_000
-"""Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again
-to solve it.
-"""
+"""Most frames examined for shading: 100 MB for parts of images, and as much to solve it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,9 +310,7 @@ def is_short(frames: int) -> bool:
 
 
 def sampled_frames(frames: int) -> list[int]:
-    """Numbers of the frames from which the pattern is solved: all of a short dive, segments spread
-    over a long one.
-    """
+    """Numbers of the frames from which the pattern is solved: all, or segments of a long dive."""
     if is_short(frames):
         return list(range(frames))
     starts = np.linspace(0, frames - SAMPLE.segment, SAMPLE.most_frames // SAMPLE.segment).astype(

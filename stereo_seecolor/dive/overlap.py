@@ -1,6 +1,4 @@
-"""Finds the spots that a frame of a dive and frames before it, or frames of other survey lines,
-show.
-"""
+"""Finds spots that a frame shows with frames before it, or frames of other survey lines."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -54,9 +52,7 @@ class OverlapSettings:
     both 1.2 and 1.9 %. Each takes 7 ms.
     """
     loop_reach: float = 1.0
-    """Distance of the middles of two pictures, in widths of what they show, up to which they may
-    show the same.
-    """
+    """Distance of middles of two pictures, in widths shown, up to which they may show the same."""
     loop_detour: float = 1.5
     """Length of the track between two frames of a loop, in distances between them, at least: on one
     line it is 1.
@@ -163,9 +159,7 @@ class FrameMatcher:
             }
 
     def _near(self, frame: tuple[_Seen, PhotometricView, Sequence[_Seen]]) -> _Near:
-        """The frame, and its relative poses to the frames before it that show the same spots, by
-        their numbers.
-        """
+        """The frame, and its poses relative to earlier frames that show the same spots."""
         seen, view, before = frame
         return (
             seen,

@@ -1,6 +1,4 @@
-"""Sequences over the pairs of a dive: some of them, with their names, or in groups. Each item is
-made when asked for.
-"""
+"""Sequences over a dive's pairs: some, with names, or in groups; items are made when asked for."""
 
 from array import array
 from collections.abc import Callable, Sequence
@@ -37,9 +35,7 @@ class NamedPairs(Lazy[tuple[str, Pair]]):
 
 @dataclass(frozen=True)
 class Groups(Lazy[Sequence[Pair]]):
-    """Groups of neighboring pairs, the same for any number of workers, so that sums are always
-    added in the same order.
-    """
+    """Groups of neighboring pairs, the same for any workers: sums add in the same order."""
 
     pairs: Sequence[Pair]
 

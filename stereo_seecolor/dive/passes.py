@@ -52,9 +52,7 @@ NO_SHARED_SPOTS = (
     "in the images"
 )
 LONG_DIVE = 10_000
-"""Pairs of a dive beyond which their moment tables are added up in groups, by the workers, before
-the fit.
-"""
+"""Pairs beyond which moment tables are added up in groups, by workers, before the fit."""
 CHECKED = 5
 """Pairs whose colors are checked for exchanged channels: files of one dive have one order."""
 
@@ -91,9 +89,7 @@ NO_LIGHT = DiveLight()
 
 
 def measure_ranges(run: DiveRun) -> DiveRanges:
-    """Make the range maps. Corrected frames of an earlier run stay current if the settings of range
-    maps are the same.
-    """
+    """Make the range maps. Corrected frames stay current if the settings of ranges are the same."""
     settings, earlier = run.frames.source.settings, run.folder.dive.record.settings
     run.folder.dive.begin(
         {**(earlier if earlier.get("range") == settings else {}), "range": settings}
@@ -285,9 +281,7 @@ def make_pass(run: DiveRun, stage: str, work: Work[Any], pairs: Sequence[Pair]) 
 
 
 def _fit_key(run: DiveRun, ranges: DiveRanges, light: Light | None) -> str | None:
-    """Hash of the inputs of the fits of light and water, and of the code that fits them; None where
-    a pair has no range.
-    """
+    """Hash of inputs and code of the fits of light and water; None where a pair has no range."""
     settings = color_settings(run.frames.config, light)
     return ranges.key and content_key(
         settings, ranges.key, [sources_digest(file) for file in FITTING]

@@ -118,9 +118,7 @@ def move_into_place(temporary: Path, path: Path) -> None:
 
 
 def temporary_path(path: Path) -> Path:
-    """A name beside ``path`` that no other process or thread uses; short, whatever the length of
-    the destination's name.
-    """
+    """A name beside ``path`` that no other process or thread uses; always short."""
     return path.with_name(
         f"{TEMPORARY_PREFIX}{_process}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}"
     )
@@ -147,9 +145,7 @@ def flush_file(temporary: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete the temporary files and folders that a killed run left in ``folder`` itself; links are
-    never followed.
-    """
+    """Delete what a killed run left in ``folder`` itself; links are never followed."""
     if not folder.is_dir() or folder.is_symlink():
         return
     for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
@@ -173,9 +169,7 @@ def files_below(folder: Path) -> Iterable[Path]:
 
 
 def remove(path: Path) -> None:
-    """Delete a temporary file or folder as far as it can be: an error here must not hide the one
-    that led here.
-    """
+    """Delete a temporary file or folder if it can be: errors here must not hide the first one."""
     with contextlib.suppress(OSError):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)

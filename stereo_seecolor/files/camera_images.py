@@ -25,11 +25,10 @@ from stereo_seecolor.files.image_headers import (
     TIFF_UNCOMPRESSED,
     exif_block,
     image_size,
+    refuse_large,
     tiff_numbers,
 )
 from stereo_seecolor.files.png_decoding import is_compiled, quickly_decoded
-
-MAX_PIXELS = 150_000_000  # the largest cameras have 150 million; more is a damaged header
 
 DEFLATED = (8, 32946)
 """Compressions of TIFF: Adobe's number and the older one."""
@@ -49,11 +48,7 @@ def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic]
         raise InputError(
             f"{path}: {error}: copy it again from the vehicle, or leave it out"
         ) from error
-    if width * height > MAX_PIXELS:
-        raise InputError(
-            f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not "
-            "read"
-        )
+    refuse_large(path, width, height)
     if content.startswith(TIFF_SIGNATURES):
         _refuse_broken_stream(content, path)
     # OpenCV turns what EXIF says is turned

@@ -1,6 +1,4 @@
-"""Tables as CSV: unknown values are written as empty cells; reading names the line that cannot be
-used.
-"""
+"""Tables as CSV: unknown values are empty cells; reading names the unusable line."""
 
 import csv
 import io
@@ -137,9 +135,7 @@ def dict_reader(text: str) -> "csv.DictReader[str]":
 
 
 class _Cells:
-    """The cells of a reader without what guards them; none of a row of empty cells, as spreadsheets
-    leave below a table.
-    """
+    """The cells of a reader, unguarded; none of a row of empty cells, as spreadsheets leave."""
 
     def __init__(self, reader: Any) -> None:
         self._reader = reader

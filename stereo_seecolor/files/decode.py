@@ -17,6 +17,7 @@ from stereo_seecolor.files.image_headers import (
     TIFF_COMPRESSION,
     TIFF_SIGNATURES,
     image_size,
+    refuse_large,
     stated_size,
     tiff_numbers,
 )
@@ -31,8 +32,6 @@ FLOAT_GRAY = {258: 32, 262: BLACK_IS_ZERO, 277: 1, 339: FLOAT}
 JPEG_END = b"\xff\xd9"
 MOST_PER_BYTE = 10_000
 """Pixels; deflate makes a byte of 1032 at the most, each of 8 pixels."""
-MOST_PIXELS = 1 << 28
-"""Of an image of ours: no camera has as many."""
 FEW_FILES = 16
 """So many OpenCV decodes while numba is imported, a quarter of a second; more are decoded in half
 the time by our own kernels.
@@ -46,7 +45,7 @@ def read_array(path: Path, size: tuple[int, int] | None = None) -> NDArray[Any]:
     size: (width, height) that it has to have. The header is asked before a pixel is decoded: a
     small file may claim, and hold, gigabytes.
     Raises InputError if the file is gone, cut short or damaged, of another size, or of more than
-    MOST_PIXELS.
+    MAX_PIXELS.
     """
     content = read_bytes(path)
     stored = stated_size(content)
@@ -55,8 +54,8 @@ def read_array(path: Path, size: tuple[int, int] | None = None) -> NDArray[Any]:
             f"{path}: is damaged: {' x '.join(map(str, stored)) or 'no'} pixels, and not "
             f"{size[0]} x {size[1]}"
         )
-    if stored and stored[0] * stored[1] > MOST_PIXELS:
-        raise InputError(f"{path}: is damaged: it claims {stored[0]} x {stored[1]} pixels")
+    if stored:
+        refuse_large(path, *stored)
     # OpenCV fills the rest with gray
     if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):
         raise InputError(f"{path}: is truncated")

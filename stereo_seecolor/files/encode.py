@@ -1,6 +1,4 @@
-"""Encoding of arrays to file contents. The settings were chosen by measurement: see
-docs/performance.md.
-"""
+"""Encoding of arrays to file contents, with settings by measurement (docs/performance.md)."""
 
 import struct
 import zlib
@@ -67,9 +65,7 @@ def encode_confidence(confidence: Map) -> bytes:
 
 
 def _srgb_profile() -> bytes:
-    """The ICC profile of sRGB, with a date of creation that never changes, so that equal images are
-    equal files.
-    """
+    """The ICC profile of sRGB, with a fixed date of creation: equal images are equal files."""
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     return profile[:24] + struct.pack(">6H", 2000, 1, 1, 0, 0, 0) + profile[36:]
 

@@ -10,6 +10,9 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8"
@@ -28,6 +31,21 @@ TIFF_SUBFILE, TIFF_NOT_A_PAGE = 254, 0b101  # tag; bits of a preview and of a ma
 TIFF_COMPRESSION, TIFF_UNCOMPRESSED = 259, 1
 JPEG_FRAMES = frozenset(range(0xFFC0, 0xFFD0)) - {0xFFC4, 0xFFC8, 0xFFCC}
 """Markers before the size of a JPEG (ITU T.81, table B.1)."""
+
+MAX_PIXELS = 150_000_000
+"""The largest cameras have as many; more is a damaged header."""
+
+
+def refuse_large(path: Path, width: int, height: int, channels: int = 1) -> None:
+    """Raise InputError for a size that no camera has: a small file may claim, and hold, gigabytes.
+
+    Up to four channels count as one.
+    """
+    if width * height * max(channels, 4) > 4 * MAX_PIXELS:
+        raise InputError(
+            f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not "
+            "read"
+        )
 
 
 def image_size(content: bytes) -> tuple[int, int]:
@@ -90,9 +108,7 @@ def exif_block(content: bytes) -> bytes:
 
 
 def png_chunks(content: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Kind of each chunk of a PNG, and where its data begin and end. Raises struct.error for a file
-    that is cut short.
-    """
+    """Kind of each chunk of a PNG, and where its data lie. Raises struct.error for a cut one."""
     at = len(PNG_SIGNATURE)
     while at < len(content):
         length, kind = struct.unpack_from(">I4s", content, at)
@@ -117,9 +133,7 @@ def _jpeg_exif(content: bytes) -> bytes:
 
 
 def jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Marker and content of each segment of a JPEG before its pixels (ITU T.81, B.1.1.4), as far as
-    they are whole.
-    """
+    """Marker and content of each whole segment of a JPEG before its pixels (T.81, B.1.1.4)."""
     position = len(JPEG_SIGNATURE)
     while position + 4 <= len(content):
         marker, length = struct.unpack_from(">HH", content, position)
@@ -205,9 +219,7 @@ def tiff_numbers(content: bytes) -> dict[int, int]:
 
 
 def tiff_pages(content: bytes) -> int:
-    """The number of pictures of a TIFF: previews and masks are left out. Of one that is cut, those
-    before that.
-    """
+    """The number of pictures of a TIFF, without previews and masks; of a cut one, those before."""
     count, seen = 0, set()
     try:
         (directory,) = struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)

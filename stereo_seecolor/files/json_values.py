@@ -13,9 +13,7 @@ PIECE = 1 << 16
 
 
 class Streamed(dict[str, Any]):
-    """An object of JSON whose members are made while it is written: those of a million frames are
-    not held in memory.
-    """
+    """An object of JSON whose members are made while it is written, to save memory."""
 
     def __init__(self, members: Callable[[], Iterable[tuple[str, Any]]]) -> None:
         super().__init__()

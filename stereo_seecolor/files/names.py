@@ -8,9 +8,7 @@ from pathlib import Path, PurePath
 from stereo_seecolor.errors import printable
 
 MAX_NAME_BYTES = 180
-"""File systems take 255 bytes; a suffix (5) and the prefix of a file that is being written (up to
-40) must fit too.
-"""
+"""File systems take 255 bytes; a suffix (5) and a temporary prefix (40) must fit too."""
 
 _HASH_DIGITS = 8  # hexadecimal: two names of a dive share them by chance in one of 400 million
 
@@ -30,9 +28,7 @@ def natural_key(name: str) -> str:
 
 
 def sort_naturally(names: list[str]) -> None:
-    """Sort by ``natural_key``; names that differ in digits alone, as in most folders, are sorted
-    ten times faster.
-    """
+    """Sort by ``natural_key``; names that differ in digits alone ten times faster."""
     shape = names[0].translate(_ALIKE) if names else ""
     alike = all(name.translate(_ALIKE) == shape for name in names)
     names.sort(key=None if alike else natural_key)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.whole_files import special_kind
+from stereo_seecolor.files.whole_files import damaged_map, special_kind
 from stereo_seecolor.records import Image, Map
 
 POINT = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
@@ -55,7 +55,7 @@ def read_vertices(path: Path) -> NDArray[np.void]:
     found = _records(path, VERTEX, len(head), _count(path, head, b"vertex"))
     for part in _parts(found):
         if not (np.abs(part["position"]) < FARTHEST_VERTEX_M).all():
-            raise _damaged(path, "a vertex has no finite position")
+            raise damaged_map(path, "a vertex has no finite position")
     return found
 
 
@@ -71,7 +71,7 @@ def read_triangles(path: Path) -> NDArray[np.void]:
     for part in _parts(found):
         corners = part["indices"]
         if not ((part["count"] == 3).all() and corners.min() >= 0 and corners.max() < vertices):
-            raise _damaged(path, "a triangle names a vertex that does not exist")
+            raise damaged_map(path, "a triangle names a vertex that does not exist")
     return found
 
 
@@ -80,13 +80,6 @@ def _parts(records: NDArray[np.void]) -> Iterator[NDArray[np.void]]:
     for start in range(0, len(records), AT_ONCE):
         yield records[start : start + AT_ONCE]
         let_go(records)
-
-
-def _damaged(path: Path, why: str) -> InputError:
-    return InputError(
-        f"{path}: is damaged, or was not written by this program ({why}): make the map again with "
-        "stereo-seecolor fuse"
-    )
 
 
 def _read_header(path: Path) -> bytes:
@@ -99,12 +92,12 @@ def _read_header(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     content, end, _ = head.partition(b"end_header\n")
     if not content.startswith(b"ply\nformat binary_little_endian 1.0\n") or not end:
-        raise _damaged(path, "no header of a binary PLY")
+        raise damaged_map(path, "no header of a binary PLY")
     properties = b"".join(
         f"property {p}\n".encode() for name in VERTEX.names or () for p in _PROPERTIES[name]
     )
     if properties not in content:
-        raise _damaged(path, "its vertices have other properties")
+        raise damaged_map(path, "its vertices have other properties")
     return content + end
 
 
@@ -112,13 +105,13 @@ def _count(path: Path, head: bytes, element: bytes) -> int:
     _, found, rest = head.partition(b"\nelement " + element + b" ")
     number = rest.partition(b"\n")[0]
     if found and not (number.isdigit() and len(number) < 12):
-        raise _damaged(path, f"no number of elements {element.decode()}")
+        raise damaged_map(path, f"no number of elements {element.decode()}")
     return int(number) if found else 0
 
 
 def _records(path: Path, record: np.dtype[np.void], offset: int, count: int) -> NDArray[np.void]:
     if path.stat().st_size < offset + count * record.itemsize:
-        raise _damaged(path, "it is truncated")
+        raise damaged_map(path, "it is truncated")
     return np.memmap(path, record, "r", offset, (count,)) if count else np.zeros(0, record)
 
 

@@ -22,9 +22,7 @@ def encode_png(pixels: NDArray[np.generic], chunks: Chunks | None = None) -> byt
 
 
 def encode_codes(codes: NDArray[np.uint8]) -> bytes:
-    """Encode an image (H, W) of few different values without a row filter: such rows deflate better
-    as they are.
-    """
+    """Encode an image (H, W) of few values without a row filter: such rows deflate better."""
     # the first byte of a row: UNFILTERED
     rows = np.zeros((codes.shape[0], codes.shape[1] + 1), np.uint8)
     rows[:, 1:] = codes

@@ -22,9 +22,7 @@ class PreviewSize:
 THUMBNAIL = PreviewSize(192, 72)
 """96 CSS pixels wide on a screen of double density; about 4 kB: 5,000 of them are 20 MB."""
 SCREEN = PreviewSize(1600, 60)
-"""As wide as the viewer on a large screen. Enlarged twice it looks like the image: what is lost is
-less than the noise.
-"""
+"""A large screen's width. Enlarged twice it looks like the image: the loss is below the noise."""
 LIVE = PreviewSize(480, 72)
 """Three beside each other on a laptop; about 30 kB."""
 SMALL = (cv2.IMWRITE_JPEG_OPTIMIZE, 1)
@@ -34,9 +32,7 @@ takes another 2 % less, for 12 ms.
 RANGE_PX = 960
 """Longer side of a picture of ranges, about: enough for a page."""
 NEAR, FAR = 0.02, 0.98
-"""Quantiles of the ranges that have the brightest and the darkest color: single wrong ranges do not
-decide.
-"""
+"""Quantiles of ranges with the brightest and the darkest color: single ones do not decide."""
 
 
 def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:

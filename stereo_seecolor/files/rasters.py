@@ -12,7 +12,7 @@ from typing import Any
 
 from calibration.quiet import ignored_warnings
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.whole_files import special_kind
+from stereo_seecolor.files.whole_files import damaged_map, special_kind
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO"}
 """GDAL looks for no file beside the raster, such as one with its overviews."""
@@ -35,18 +35,12 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
             with ignored_warnings(NotGeoreferencedWarning):
                 file = stack.enter_context(rasterio.open(path.absolute(), driver="GTiff"))
             if file.transform.is_identity:
-                raise InputError(f"{path}: has lost its position: make the map again with fuse")
+                raise damaged_map(path, "it has lost its position")
             if file.count < bands:
-                raise InputError(
-                    f"{path}: has {file.count} bands where {bands} are expected: make the map "
-                    "again with fuse"
-                )
+                raise damaged_map(path, f"it has {file.count} bands, not {bands}")
             yield file
     except RasterioError as error:
-        raise InputError(
-            f"{path}: is damaged, or no GeoTIFF ({error}): make the map again with "
-            "stereo-seecolor fuse"
-        ) from error
+        raise damaged_map(path, error) from error
     except OSError as error:
         if error.filename not in (None, str(path)):
             raise

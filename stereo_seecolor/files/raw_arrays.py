@@ -26,9 +26,7 @@ PARSING = Lock()
 
 
 def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
-    """Write arrays to one file, completely or, where the disk has no room for it, not at all; its
-    folder must exist.
-    """
+    """Write arrays to one file, completely or not at all; its folder must exist."""
     temporary = temporary_path(path)
     with contextlib.suppress(OSError):
         try:
@@ -58,9 +56,7 @@ def read_arrays(path: Path, count: int) -> list[NDArray[Any]] | None:
 
 
 def _next(content: mmap.mmap) -> NDArray[Any]:
-    """The array that begins at the next multiple of ALIGNMENT. Raises ValueError or TypeError where
-    there is none.
-    """
+    """The array at the next multiple of ALIGNMENT. Raises ValueError or TypeError without."""
     content.seek(content.tell() + -content.tell() % ALIGNMENT)
     npy.read_magic(content)
     with PARSING:
@@ -80,8 +76,6 @@ def load_array(path: Path) -> NDArray[Any]:
 
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an ``.npz`` file by name. Raises OSError, and ValueError or zipfile.BadZipFile
-    where it is cut.
-    """
+    """The arrays of an ``.npz`` file by name. Raises OSError, ValueError, zipfile.BadZipFile."""
     with PARSING, path.open("rb") as file, np.load(file) as content:
         return dict(content)

@@ -1,6 +1,4 @@
-"""sRGB's transfer curve (IEC 61966-2-1) between linear light and encoded values, both as fractions
-of full scale.
-"""
+"""sRGB's transfer curve (IEC 61966-2-1) between linear and encoded values, both 0..1."""
 
 from typing import TypeVar
 

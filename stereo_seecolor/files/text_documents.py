@@ -1,6 +1,4 @@
-"""Files of text that people write, read within bounds: text, YAML, JSON; each error is
-one line with the file's name.
-"""
+"""Files of text that people write, read within bounds: text, YAML, JSON; errors are one line."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,4 @@
-"""TIFF encoding: images with their camera's EXIF, which OpenCV does not write; maps deflated in an
-eighth of its time.
-"""
+"""TIFF encoding: images with EXIF, which OpenCV does not write; maps deflated fast."""
 
 from typing import Literal
 

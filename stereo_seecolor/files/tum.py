@@ -1,6 +1,4 @@
-"""TUM trajectories: ``timestamp tx ty tz qx qy qz qw``, seconds and meters, camera to world, w
-last.
-"""
+"""TUM: ``timestamp tx ty tz qx qy qz qw``, seconds and meters, camera to world, w last."""
 
 from pathlib import Path
 

@@ -10,9 +10,7 @@ from stereo_seecolor.files.contained import find_contained
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file, or of one in a bag. Raises InputError if it is missing, or a
-    named pipe, say.
-    """
+    """The content of a file, or of one in a bag. Raises InputError if missing, or a pipe."""
     if inner := find_contained(path):
         return inner.read()
     try:
@@ -21,6 +19,11 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def damaged_map(path: Path, why: object) -> InputError:
+    """The error for a part of a map that is not as this program writes it."""
+    return InputError(f"{path}: is damaged ({why}): make the map again with stereo-seecolor fuse")
 
 
 def regular_bytes(path: Path) -> bytes:

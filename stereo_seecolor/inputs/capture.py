@@ -1,6 +1,4 @@
-"""What the camera recorded in EXIF: exposure, time, position; and the EXIF block that a corrected
-image keeps.
-"""
+"""What the camera recorded in EXIF: exposure, time, position; and the block to keep."""
 
 import re
 from collections.abc import Callable
@@ -77,14 +75,8 @@ ASPECT = 0.02
 
 
 def framing(content: bytes, size: tuple[int, int]) -> str:
-    """Tell how a picture was cut out of the sensor's, as far as its metadata say.
-
-    Args:
-        content: Of the file.
-        size: Width and height of its image, pixels.
-
-    Returns:
-        Words such as "has a digital zoom of 1.5"; "" where nothing is said.
+    """How a picture of ``size`` was cut out of the sensor's, as far as the file's metadata say,
+    such as "has a digital zoom of 1.5"; "" where nothing is said.
     """
     nothing: _Tags = {}
     tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)

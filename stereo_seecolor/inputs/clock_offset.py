@@ -1,6 +1,4 @@
-"""The constant difference between two cameras' clocks that were never synchronized, from their
-time stamps.
-"""
+"""The constant difference of two never synchronized cameras' clocks, from time stamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,9 +33,7 @@ last quarter are compared.
 """
 
 DRIFT_S = 1e-3
-"""Movement of one clock against the other that is worth a note, seconds; less is the rounding of
-milliseconds.
-"""
+"""Movement of one clock against the other worth a note, seconds; less is rounding of ms."""
 
 
 def clock_offset_s(

@@ -1,6 +1,4 @@
-"""The pairs of a dive's two sides: of two folders, of many folders a side, or of images that show
-both sides.
-"""
+"""The pairs of a dive: of two folders, many folders a side, or images of both sides."""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -1,6 +1,4 @@
-"""Exposure and gain of each frame from a table: for cameras that write them to a log and not into
-their images.
-"""
+"""Exposure and gain of each frame from a table: for cameras that log them elsewhere."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,6 +1,4 @@
-"""How a dive's images store their pixels: color filter patterns of raw cameras, and 10, 12 or 14
-bits unshifted.
-"""
+"""How images store pixels: color filter patterns, and 10, 12 or 14 bits unshifted."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -50,9 +48,7 @@ def stored_facts(config: InputConfig, sample: Sequence[Pair]) -> dict[Path, Imag
 
 
 def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputConfig:
-    """Set ``significant_bits`` and ``bayer``, where they are "auto", to what the images have.
-    found: by stored_facts.
-    """
+    """Set ``significant_bits`` and ``bayer``, where "auto", to what the images have."""
     facts = list(found.values())
     update: dict[str, object] = {}
     if config.significant_bits == "auto":

@@ -46,9 +46,7 @@ class FrameReader:
         )
 
     def capture(self, path: Path) -> Capture:
-        """Read what the camera recorded beside the pixels of one image. Raises InputError if it
-        cannot be read.
-        """
+        """What the camera recorded beside the pixels. Raises InputError if it cannot be read."""
         is_raw = path.suffix == RAW_SUFFIX and find_contained(path)
         return self._captured(path, b"" if is_raw else read_image_bytes(path))
 

@@ -1,6 +1,4 @@
-"""The kind of image that a file holds, as far as its pixels tell: bits, color filter pattern,
-brightness.
-"""
+"""The kind of image that a file holds, by its pixels: bits, color filter, brightness."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,8 +37,7 @@ class ImageFacts:
 
     size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16
     that hold its values. kind: "color", "monochrome", or "mosaic" (one channel with a Bayer
-    pattern). bayer: the pattern, "none" for the others. middle: median of the brightest channel
-    over its brightest thousandth.
+    pattern). bayer: the pattern, "none" for the others.
     """
 
     size: tuple[int, int]
@@ -48,7 +45,6 @@ class ImageFacts:
     used_bits: int
     kind: str
     bayer: str = "none"
-    middle: float = 1.0
 
 
 def image_facts(path: Path) -> ImageFacts:
@@ -67,16 +63,7 @@ def image_facts(path: Path) -> ImageFacts:
         if pixels.ndim == 2 or is_monochrome(pixels)
         else "color"
     )
-    return ImageFacts(size, bits, min(used, bits), kind, bayer, _middle(pixels, kind))
-
-
-def _middle(pixels: NDArray[np.generic], kind: str) -> float:
-    if kind == "mosaic":
-        height, width = (size // 2 * 2 for size in pixels.shape)
-        pixels = np.dstack([pixels[y:height:2, x:width:2] for y in (0, 1) for x in (0, 1)])
-    sample = pixels[::4, ::4]
-    median, full = np.quantile(sample if sample.ndim == 2 else sample.max(axis=2), (0.5, 0.999))
-    return float(median / full) if full else 1.0
+    return ImageFacts(size, bits, min(used, bits), kind, bayer)
 
 
 def _pattern(pixels: NDArray[np.generic]) -> str:

@@ -116,7 +116,7 @@ def folder_parts(source: Path, kinds: frozenset[str] = EXTENSIONS) -> dict[str, 
     found = {
         key: one
         for key, one in matched
-        if is_pattern(one) or one.is_file() or _leads_to_images(one, kinds)
+        if is_pattern(one) or one.is_file() or holds_images(one, kinds) or inner_folders(one, kinds)
     }
     if len({side_of(key) for key in found} - {None}) > 1:
         raise InputError(
@@ -150,10 +150,6 @@ def _matched(
     for name, inner in matched_folders(folder, part).items():
         for key, one in _matched(inner, rest, kinds) if rest else [("", inner)]:
             yield "_".join(filter(None, (name, key))), one
-
-
-def _leads_to_images(folder: Path, kinds: frozenset[str]) -> bool:
-    return holds_images(folder, kinds) or bool(inner_folders(folder, kinds))
 
 
 def holds_images(folder: Path, kinds: frozenset[str] = EXTENSIONS, pattern: str = "*") -> bool:

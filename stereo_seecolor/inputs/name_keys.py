@@ -13,9 +13,7 @@ Keys = dict[str, list[Path]]
 
 _CAMERA = "cam|cams|camera|cameras|image|images|img|imgs|im|eye|view|frame|frames"
 _SHORT = "cam|img|im|frame"
-"""What words for the side are written together with: ``leftcam``, ``imgL``; but an imager is no
-right camera.
-"""
+"""What stands beside words for a side: ``leftcam``, ``imgL``; not so ``imager``."""
 _LEFT = (
     f"left({_CAMERA})?|({_SHORT})l|lft|lc|lm|l|cam0|linke?|links|gauche|izquierda|sinistra|esquerda"
 )
@@ -55,9 +53,7 @@ def side_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys
 
 
 def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
-    """The stems without the letters that all files of their folder begin or end with (``fwd_0001``
-    and ``aft_0001``).
-    """
+    """The stems without the letters that all begin or end with (``fwd_0001``, ``aft_0001``)."""
     return _within_affixes(lefts), _within_affixes(rights)
 
 
@@ -118,9 +114,7 @@ def _counted(paths: Sequence[Path]) -> dict[int, Path]:
 
 
 def may_roll_over(first: str, last: str) -> bool:
-    """Tell whether the first and the last of sorted names are of one counter at its two ends: 0 or
-    1, and 9999.
-    """
+    """Whether the first and last sorted names are a counter's two ends: 0 or 1, and 9999."""
     (name, low), (same, high) = _counter(first), _counter(last)
     if not (low and high) or name != same:
         return False

@@ -1,6 +1,4 @@
-"""Time stamps in file names, as vehicles write them, and the distance to the nearest one of
-the other side.
-"""
+"""Time stamps in file names, as vehicles write them, and distances to the other side's."""
 
 import re
 from bisect import bisect_left

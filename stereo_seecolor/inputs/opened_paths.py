@@ -1,6 +1,4 @@
-"""Paths that lead into a video, a bag, or an image of both sides: these are opened by the path
-alone, in any process.
-"""
+"""Paths into a video, a bag, or an image of both sides, opened by the path alone."""
 
 from pathlib import Path
 
@@ -11,9 +9,7 @@ from stereo_seecolor.plugins import added, load
 
 
 def open_around(path: Path) -> None:
-    """Open the video, bag or image that ``path`` leads into, if it leads into one. Raises
-    InputError, DeviceError.
-    """
+    """Open the video, bag or image that ``path`` leads into. Raises InputError, DeviceError."""
     if find_contained(path):
         return
     if is_half(path):

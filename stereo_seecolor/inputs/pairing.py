@@ -1,6 +1,4 @@
-"""Pairing: which file of the left folder belongs to which of the right one, and which files belong
-to none.
-"""
+"""Pairing: which left file belongs to which right one, and which files belong to none."""
 
 from array import array
 from collections import Counter
@@ -346,9 +344,7 @@ def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
 
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
-    """Pair images with the range maps of the same stem, for people who bring their own; ``right``
-    is the range map.
-    """
+    """Pair images with the user's range maps of the same stem; ``right`` is the range map."""
     matching = _matching(
         list_images(images, "images"), list_images(ranges, "range maps", RANGE_EXTENSIONS)
     )

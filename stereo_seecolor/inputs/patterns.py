@@ -1,6 +1,4 @@
-"""Patterns with ``*``, ``?`` and ``[``: for the names of one folder's files, or for folders
-(``DIVE/*/left``).
-"""
+"""Patterns with ``*``, ``?`` and ``[``: for one folder's files, or folders (``DIVE/*/left``)."""
 
 from contextlib import suppress
 from fnmatch import fnmatchcase

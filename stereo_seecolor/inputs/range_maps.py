@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
 from calibration.quiet import ignored_warnings
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.camera_images import MAX_PIXELS, decode_raw
+from stereo_seecolor.errors import InputError, library_for
+from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.files.image_headers import (
+    MAX_PIXELS,
     TIFF_COMPRESSION,
     TIFF_SIGNATURES,
     TIFF_UNCOMPRESSED,
+    refuse_large,
     tiff_numbers,
 )
 from stereo_seecolor.files.raw_arrays import PARSING
@@ -163,25 +165,15 @@ def _pfm(content: bytes, header: re.Match[bytes], path: Path) -> NDArray[np.floa
     return values[::-1].astype(np.float32)
 
 
-def _not_read(path: Path, channels: int, width: int, height: int) -> InputError:
-    return InputError(f"{path}: claims {channels} channels of {width}x{height} pixels: not read")
-
-
 def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
-    try:
+    with library_for(f"{path}: OpenEXR", "exr", InputError):
         import OpenEXR
-    except ImportError as error:
-        raise InputError(
-            f"{path}: is an OpenEXR file, which needs the library OpenEXR: pip install "
-            "'stereo-seecolor[exr]', or convert it to a TIFF of floating point"
-        ) from error
     try:
         with OpenEXR.File(io.BytesIO(content), separate_channels=True, header_only=True) as file:
             first, last = file.header()["dataWindow"]
             width, height = (int(b) - int(a) + 1 for a, b in zip(first, last, strict=True))
             count = len(file.header()["channels"])
-        if min(width, height) < 1 or width * height * count > 4 * MAX_PIXELS:
-            raise _not_read(path, count, width, height)
+        refuse_large(path, width, height, count)
         with OpenEXR.File(io.BytesIO(content), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
@@ -202,22 +194,16 @@ def _needs_library(content: bytes) -> bool:
 
 def _tiff(content: bytes, path: Path) -> NDArray[Any]:
     """By GDAL; a value that the file declares as unknown becomes 0."""
-    try:
+    with library_for(f"{path}: a TIFF of this kind", "geo", InputError):
         import rasterio
         from rasterio.errors import NotGeoreferencedWarning, RasterioError
-    except ImportError as error:
-        raise InputError(
-            f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'"
-        ) from error
-
     try:
         with rasterio.MemoryFile(content) as memory:
             with ignored_warnings(NotGeoreferencedWarning):
                 file = memory.open(driver="GTiff")
             with file:
-                if file.count > 1 or file.width * file.height > MAX_PIXELS:
-                    raise _not_read(path, file.count, file.width, file.height)
-                values: NDArray[Any] = file.read(1)
+                refuse_large(path, file.width, file.height, file.count)
+                values: NDArray[Any] = np.moveaxis(file.read(), 0, -1)
                 unknown = file.nodata
     except RasterioError as error:
         raise InputError(

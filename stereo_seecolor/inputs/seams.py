@@ -49,9 +49,7 @@ ONE_COLOR = 12
 EDGE = 1
 """Demosaicing repeats so many rows at the upper and lower edge: no difference to compare with."""
 OFF = 2
-"""Rows between those that are compared: a seam in the middle of a row lies between two pairs of
-rows.
-"""
+"""Rows between compared ones: a seam within a row lies between two pairs of rows."""
 
 
 def seam_row(image: Image, content: bytes) -> int | None:

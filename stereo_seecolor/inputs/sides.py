@@ -227,9 +227,7 @@ def _shows_both(folder: Path) -> bool:
 
 
 def _best_pair(images: dict[Path, int]) -> Sides:
-    """The two folders whose names say their sides and which give the most pairs; where no names do,
-    in natural order.
-    """
+    """The two folders that name sides and give the most pairs; else in natural order."""
     largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
     both = list(combinations(sorted(largest, key=lambda path: natural_key(str(path))), 2))
     # a folder sorts before those in it

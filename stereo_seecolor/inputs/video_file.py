@@ -1,6 +1,4 @@
-"""A video's frames by their numbers: an index of their times, and each decoded from the keyframe
-before it.
-"""
+"""A video's frames by number: an index of times; each is decoded from its keyframe on."""
 
 from bisect import bisect_right
 from collections import OrderedDict
@@ -20,14 +18,10 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.video_streams import decoded, opened, video_stream
 
 KEPT_BYTES = 1 << 26
-"""Decoded frames that are kept of a video: threads ask for frames near each other, and for each
-more than once.
-"""
+"""Kept decoded frames of a video: threads ask for neighbors, and more than once."""
 
 NEAR_FRAMES = 8
-"""A frame so few frames ahead is reached by decoding those between, also where a keyframe lies
-between.
-"""
+"""A frame so few ahead is reached by decoding those between, keyframes too."""
 
 BACK_S = (0.0, 1.0, 10.0)
 """How far before a frame decoding begins: pictures after the keyframe of an open group cannot be
@@ -40,9 +34,7 @@ LOST_S = 1.0
 OPEN_VIDEOS = 4
 
 ORDER_FRAMES = 12
-"""Of a video so many are decoded to see whether their times rise; codecs reorder at most some
-frames.
-"""
+"""So many frames tell whether a video's times rise; codecs reorder at most some."""
 
 Times = NDArray[np.int64]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.files.camera_images import MAX_PIXELS
+from stereo_seecolor.errors import InputError, library_for
+from stereo_seecolor.files.image_headers import refuse_large
 from stereo_seecolor.files.whole_files import special_kind
 
 SOUND_RATE_HZ = 8000
@@ -23,20 +23,14 @@ MOST_BOXES = 1000
 
 def video_library() -> Any:
     """PyAV. Raises DeviceError if it is missing."""
-    try:
+    with library_for("a video", "video"):
         import av
-    except ImportError as error:
-        raise DeviceError(
-            "videos need a library that is missing (av): pip install -c constraints.txt '.[video]'"
-        ) from error
     return av
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """The container of a video. Raises InputError if it cannot be opened or read, DeviceError if
-    PyAV is missing.
-    """
+    """The container of a video. Raises InputError if it cannot be read, DeviceError."""
     av = video_library()
     try:
         if kind := special_kind(path):
@@ -81,16 +75,13 @@ def _unfinished(path: Path) -> str:
 
 
 def video_stream(container: Any, path: Path) -> Any:
-    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims
-    to be too large.
-    """
+    """The stream of pictures. Raises InputError if it is missing, too large or unknown."""
     stream = container.streams.best("video")  # not a cover picture
     if stream is None:
         raise InputError(f"{path}: holds no video frames")
     if stream.codec_context is None:
         raise InputError(f"{path}: FFmpeg does not know the codec of its frames")
-    if stream.width * stream.height > MAX_PIXELS:
-        raise InputError(f"{path}: claims pictures of {stream.width}x{stream.height} px: not read")
+    refuse_large(path, stream.width, stream.height)
     stream.thread_type = "AUTO"
     return stream
 

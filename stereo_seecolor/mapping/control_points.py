@@ -1,6 +1,4 @@
-"""Rigid alignment of the map to surveyed places of markers; the scale is the rig's, and is checked,
-not fitted.
-"""
+"""Rigid alignment of the map to surveyed markers; the scale is checked, not fitted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,6 +1,4 @@
-"""Limits on what a map may cost: settings that would exceed them are refused, with the numbers and
-what to set instead.
-"""
+"""Limits on what a map may cost: settings that exceed them are refused with better ones."""
 
 import os
 from dataclasses import dataclass
@@ -84,9 +82,7 @@ def check_extent(component: Component, voxel_m: float) -> None:
 
 
 def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
-    """Raise MappingError where memory or disk would not hold the tiles, the rasters or the squares
-    of the metrics.
-    """
+    """Raise MappingError where memory or disk would not hold tiles, rasters or squares."""
     available_bytes = LIMITS.memory_fraction * memory_bytes()
     _check_tiles(tiling, config.terrain_cell_m, available_bytes)
     _check_cells(tiling, "dem_m", config.terrain_cell_m)

@@ -31,9 +31,7 @@ SETTINGS = EdgeSettings()
 
 
 def refined(light: NDArray[np.float32], corners_px: Array) -> Array:
-    """Refine rough corners (4, 2) of a dark square in linear light (H, W); unchanged where a side
-    cannot be seen.
-    """
+    """Refine rough corners (4, 2) of a dark square in linear light (H, W), if all sides show."""
     for _ in range(SETTINGS.rounds):
         sides = [_side(light, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
         if any(side is None for side in sides):

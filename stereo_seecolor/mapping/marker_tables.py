@@ -23,9 +23,7 @@ from stereo_seecolor.records import GeoOrigin
 
 Array = NDArray[np.float64]
 USUAL_STD_M = 0.01
-"""Standard error of a surveyed place where the table states none, meters: tape and level by
-divers.
-"""
+"""Standard error of a surveyed place where the table has none, meters: divers' tape, level."""
 LONGEST_BAR_M = 20.0
 """Lengths without a unit that are longer are in centimeters or millimeters."""
 LEAST_APART_M = 0.05

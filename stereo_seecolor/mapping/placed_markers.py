@@ -135,9 +135,7 @@ def two_of_a_number(numbers: Iterable[int]) -> str:
 def placed_markers(
     observations: Sequence[PlacedSighting], T_world_camera: dict[str, Array]
 ) -> list[PlacedMarker]:
-    """Place markers from all observations in frames with a pose (4, 4), by number. Markers seen
-    once are left out.
-    """
+    """Markers from all observations in frames with a pose (4, 4), by number; two views each."""
     by_number: dict[int, list[PlacedSighting]] = defaultdict(list)
     for observation in observations:
         if observation.frame in T_world_camera:

@@ -121,7 +121,7 @@ def _on_earth(
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> PlacedSurvey:
     if trajectory is None or trajectory.fixes:
         return _placed_by_pictures(survey, config, trajectory)
-    given = place(survey.index, trajectory, config)
+    given = place(survey.index, trajectory)
     exact = _placed_exactly(survey, config, trajectory, given)
     return _placed_by_poses(survey, config, trajectory, given) if exact is None else exact
 
@@ -229,9 +229,7 @@ def _fitted(
 def _without_prior(
     given: Placement, fitted: Placement, known: Sequence[pose_graph.Prior], survey: Survey
 ) -> list[str]:
-    """Lines for frames that were placed by the images, as they have no given pose, or one whose
-    position is far off.
-    """
+    """Lines for frames placed by images alone: without a given pose, or with one far off."""
     used = np.isin(np.arange(len(given.components)), [prior.frame for prior in known])
     has_pose = given.components >= 0
     lines = []

@@ -30,9 +30,7 @@ same errors on the synthetic reef.
 
 
 def census(image: Gray) -> Census:
-    """Compute the census of an image: (H, W) uint32, a bit for each neighbor that is darker; the
-    border is replicated.
-    """
+    """Census of an image: (H, W) uint32, a bit for each darker neighbor; replicated border."""
     bits = np.empty(image.shape, np.uint32)
     padded = cv2.copyMakeBorder(image, _REACH, _REACH, _REACH, _REACH, cv2.BORDER_REPLICATE)
     _census(padded, PATTERN, bits)

@@ -1,6 +1,4 @@
-"""Diagnostics of a pair: images that cannot be matched, and warnings about range maps that should
-not be trusted.
-"""
+"""Diagnostics of a pair: images that cannot be matched, and untrustworthy range maps."""
 
 from dataclasses import dataclass
 
@@ -205,9 +203,7 @@ def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
 
 
 def vertical_px_of(cost: NDArray[np.float64]) -> float:
-    """Return the shift of rows, pixels, with the least of the costs of shifts -most..most; NaN if
-    no minimum is clear.
-    """
+    """The shift of rows, pixels, with the least cost of -most..most; NaN if none is clear."""
     best, most = int(np.argmin(cost)), len(cost) // 2
     compared = cost.max() if best == most else cost[most]
     if cost[best] >= (1 - DIAGNOSTICS_CONSTANTS.vertical_gain) * compared:

@@ -47,6 +47,4 @@ class Engine(Protocol):
 
 
 FIXED_UNIQUENESS = 0.5
-"""Uniqueness for engines that return none: the median of correctly matched pixels of the synthetic
-reef.
-"""
+"""Uniqueness of engines without one: the median of correct pixels of the synthetic reef."""

@@ -1,6 +1,4 @@
-"""The gray images that are matched: full bit depth, smoothed against sensor noise, at full and at
-reduced size.
-"""
+"""The gray images that are matched: full bit depth, smoothed, at full and reduced size."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,9 +19,7 @@ LARGE_IMAGE_PX = 600_000
 at every second pixel, because the filter runs on one core, and patches are larger, too.
 """
 SMOOTHING_PX = 0.7
-"""Sigma of the blur before the census, which compares single pixels: without it the census encodes
-noise.
-"""
+"""Sigma of the blur before the census, which without it would encode noise."""
 
 
 @dataclass(frozen=True, eq=False)

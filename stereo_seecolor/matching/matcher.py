@@ -211,14 +211,8 @@ class Matcher:
 
 
 def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:
-    """Compute the disparity limits of points between two ranges.
-
-    Args:
-        pair: The geometry of the rectified images.
-        config: Settings; ``min_range_m`` and ``max_range_m`` are the ranges.
-
-    Returns:
-        Least and largest disparity of the left image, whole pixels.
+    """Least and largest disparity of the left image, whole pixels, of points between
+    ``config.min_range_m`` and ``max_range_m``.
     """
     # depth, in the corner farthest from the axis
     nearest_m = config.min_range_m / float(pair.ray_length.max())

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from stereo_seecolor.errors import ConfigError, DeviceError, MatchingError
+from stereo_seecolor.errors import ConfigError, MatchingError, library_for
 from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, UNKNOWN, MatchedDisparity
 from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.records import Image, Map, StereoFrame
@@ -27,12 +27,8 @@ class Network:
     refined = True
 
     def __init__(self, model: Path) -> None:
-        try:
+        with library_for(f"matching.engine: {model}", "onnx"):
             import onnxruntime
-        except ImportError as error:
-            raise DeviceError(
-                f"matching.engine: {model} needs onnxruntime: pip install 'stereo-seecolor[onnx]'"
-            ) from error
         try:
             self._session: Any = onnxruntime.InferenceSession(
                 str(model), providers=onnxruntime.get_available_providers()

@@ -1,6 +1,4 @@
-"""The matching engine ``opencv``, OpenCV's semi-global block matching: for comparison, and where
-numba cannot run.
-"""
+"""The engine ``opencv``, semi-global block matching: to compare, and where numba cannot run."""
 
 from dataclasses import dataclass
 
@@ -34,9 +32,7 @@ CONSTANTS = BlockMatchingConstants()
 
 
 class OpenCvMatching:
-    """The engine ``opencv``: cv2.StereoSGBM in its three-way mode over the disparities
-    lowest..highest, pixels.
-    """
+    """The engine ``opencv``: three-way cv2.StereoSGBM over disparities lowest..highest, pixels."""
 
     refined = False
 

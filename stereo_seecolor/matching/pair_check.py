@@ -1,6 +1,4 @@
-"""Checks that the two images of a pair show the same scene, from the matched fraction and the
-texture of the images.
-"""
+"""Checks that the images of a pair show the same scene, by matched fraction and texture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,11 +41,7 @@ ROWS_OFF = "their rows are off"
 
 
 def coverage(range_map: RangeMap) -> float:
-    """Compute the fraction of the pixels of the left image with a measured range, 0..1.
-
-    Args:
-        range_map: The range map of the pair.
-    """
+    """The fraction of the pixels of the left image with a measured range, 0..1."""
     return float(np.isfinite(range_map.measured_m).mean())
 
 

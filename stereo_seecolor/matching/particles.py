@@ -40,15 +40,8 @@ LIMITS = ParticleLimits()
 
 
 def without_particles(frame: StereoFrame, found: RangeMap, fill: bool) -> RangeMap:
-    """Take the ranges of pixels that show a particle out: they are those of the surface behind it.
-
-    Args:
-        frame: The rectified pair, uint8 or uint16.
-        found: Its range map.
-        fill: Whether these pixels keep their ranges, marked as filled in; else they are unknown.
-
-    Returns:
-        The range map, in which these pixels have no confidence and no standard error.
+    """Take the ranges of pixels that show a particle out, with confidence and standard error: they
+    are those of the surface behind it. fill: they stay, marked as filled in.
     """
     measured = found.confidence > 0
     where = _particles(_gray(frame.left), _gray(frame.right), found.disparity, measured)

@@ -8,18 +8,12 @@ from stereo_seecolor.records import Map
 
 _UNKNOWN = -0x8000
 PER_PX = 16
-"""OpenCV's fixed-point disparities; neighbors that differ by a pixel or less belong to one
-patch.
-"""
+"""OpenCV's fixed-point disparities; neighbors within a pixel belong to one patch."""
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Set small patches of disparity to NaN, in place.
-
-    Args:
-        disparity: (H, W) float32 pixels, NaN = unknown; connected neighbors within one pixel of
-            disparity form a patch.
-        pixels: Least size of a patch, pixels.
+    """Set patches of fewer than ``pixels`` of a disparity map (H, W) to NaN, in place; connected
+    neighbors within one pixel of disparity form a patch.
     """
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
     thin = disparity[::every, ::every]

@@ -1,6 +1,4 @@
-"""Runs the matcher on a noise image, so that its functions are compiled before a first run
-(``compute/compiled.py``).
-"""
+"""Runs the matcher on a noise image, so that it is compiled (``compute/compiled.py``)."""
 
 import numpy as np
 

@@ -1,6 +1,4 @@
-"""The part of the calibration in the standard errors of a run's measurements, its source, and the
-page's note on it.
-"""
+"""The calibration's part in a run's standard errors, its source, and the page's note."""
 
 import math
 from dataclasses import dataclass

@@ -9,6 +9,7 @@ from statistics import median
 
 from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.errors import ColorError, InputError
+from stereo_seecolor.files.whole_files import damaged_map
 from stereo_seecolor.mapping.raster.structure import EDGES_M, StructureAtScale
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.report.calibration_std import calibration_std
@@ -102,9 +103,7 @@ class DiveFacts(RowFacts):
 
     @cached_property
     def roughness(self) -> TerrainRoughness | None:
-        """The roughness of the map's terrain without noise; None without a terrain, or with one
-        that cannot be read.
-        """
+        """The roughness of the map's terrain without noise; None without a readable terrain."""
         made, posed = self.map, self.posed
         if made is None or posed is None or not made.area_m2:
             return None
@@ -135,9 +134,7 @@ class DiveFacts(RowFacts):
                 calibration_std(self.run).total,
             )
         except (OSError, ValueError, KeyError, IndexError) as error:
-            raise InputError(
-                f"{path}: is damaged ({error}): make the map again with stereo-seecolor fuse"
-            ) from error
+            raise damaged_map(path, error) from error
 
     @property
     def structure(self) -> StructureAtScale | None:

@@ -1,6 +1,4 @@
-"""Heights of a map's terrain for the page: tiles of 16-bit numbers in steps of a twentieth of a
-millimeter.
-"""
+"""Heights of a map's terrain for the page: tiles of 16-bit numbers in steps of 0.05 mm."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -107,9 +107,7 @@ class LivePage:
         return [Fact(phrase(key), value) for key, value in values.items() if value]
 
     def _pictures(self, row: FrameRow) -> list[tuple[str, str]]:
-        """(label, data address) of the images that a pair has so far; images that cannot be read
-        are left out.
-        """
+        """(label, data address) of a pair's images so far; unreadable ones are left out."""
         made: list[tuple[str, str]] = []
         record = self.folder.manifest.frame(row.name)
         dive = self.folder.dive.record
@@ -131,7 +129,5 @@ class LivePage:
 
 
 def _address(pixels: NDArray[Any]) -> str:
-    """A data address, which holds an image within the page, so that page and image are always
-    written together.
-    """
+    """A data address, which holds an image within the page: both are always written together."""
     return f"data:image/jpeg;base64,{base64.b64encode(preview(pixels, LIVE)).decode('ascii')}"

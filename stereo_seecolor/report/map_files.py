@@ -1,6 +1,4 @@
-"""The page's files of a map: mesh, orthomosaic and terrain; made again only after another
-fusion.
-"""
+"""The page's files of a map: mesh, mosaic and terrain; made again after another fusion."""
 
 import tempfile
 from collections.abc import Iterator
@@ -104,9 +102,7 @@ class _MapFiles:
         return cls(made, facts.posed, std_m, terrain, raw, facts.squares, there[MOSAIC], has_gaps)
 
     def contents(self, key: str) -> Files:
-        """(path in page/map, content) of all files; map.js, which lists them, comes last. key:
-        identifies the map.
-        """
+        """(path in page/map, content) of all files; map.js, which lists them, comes last."""
         about: dict[str, Any] = {
             "id": key[:16],
             "pieces": {},

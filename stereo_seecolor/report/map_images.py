@@ -80,9 +80,7 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
 
 @dataclass(frozen=True)
 class TerrainImages:
-    """dem.tif for the page. about: its size and place, and between which heights its colors lie
-    (low_m, high_m).
-    """
+    """dem.tif for the page. about: its size, place, and heights of its colors (low_m, high_m)."""
 
     path: Path
     about: dict[str, Any]

@@ -137,14 +137,13 @@ class MeshSource:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A level of detail, in tiles on disk. cell_m: the edge of its cells. corner_m (2,), edge_m:
-    where its tiles lie. boxes: of each tile, the least and the largest x and y of the middles of
+    """A level of detail, in tiles on disk. cell_m: the edge of its cells. corner_m (2,): where
+    its tiles begin. boxes: of each tile, the least and the largest x and y of the middles of
     its triangles (4,). triangles: how many.
     """
 
     cell_m: float
     corner_m: NDArray[np.float32]
-    edge_m: float
     folder: Path
     boxes: dict[Place, Floats]
     triangles: int
@@ -248,7 +247,7 @@ def _level(
     made = [each for each in threads.each(tile, sorted(places)) if each]
     boxes = {place: box for place, box, _ in made}
     count = sum(triangles for *_, triangles in made)
-    return Level(cell_m, south_west, edge_m, folder, boxes, count)
+    return Level(cell_m, south_west, folder, boxes, count)
 
 
 def cluster_vertices(part: Numbered, cell_m: float, corner_m: Floats) -> Numbered:

@@ -64,9 +64,7 @@ def _rounded(column: Iterable[float | None]) -> Column:
 
 
 def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
-    """Each frame's water at 1 m, and the standard error of its attenuation; empty where all frames
-    share one water.
-    """
+    """Each frame's water at 1 m, and the attenuation's error; empty if frames share one."""
     if facts.water is not None or not facts.waters:
         return {}
     near = np.array(1.0)

@@ -146,9 +146,7 @@ class _Views:
         return painted
 
     def _cost(self, points_m: Floats, number: int) -> tuple[Floats, Floats, Floats]:
-        """Tangent of each cell's viewing angle from the vertical, infinite outside of the image;
-        and its pixel u, v.
-        """
+        """Tangent of each cell's viewing angle from the vertical, inf outside; and pixel u, v."""
         g, T = self._geometry, self._posed.T_map_camera[number]
         local = (points_m - T[:3, 3]) @ T[:3, :3]
         u, v = np.moveaxis(g.project(local), -1, 0)

@@ -1,3 +1,1 @@
-"""The output folder of a run: every name inside it, its finished results, and functions that read
-them.
-"""
+"""The output folder of a run: names in it, finished results, and functions to read them."""

@@ -1,6 +1,4 @@
-"""The files of the whole dive in OUT, such as run.json and the map, and the manifest's record of
-the dive.
-"""
+"""The files of the whole dive in OUT, as run.json and the map, and the manifest's record."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -69,7 +67,9 @@ class DiveFiles:
         new = {
             name: content
             for name, content in contents.items()
-            if isinstance(content, Iterator) or not self._has(name, content)
+            if isinstance(content, Iterator)
+            or not is_ours(self.root, name, self.record.files)
+            or not holds(self.root / name, content)
         }
         if new:
             self._put(self._owned.write_temporaries(new.items()), made_from)
@@ -105,9 +105,6 @@ class DiveFiles:
             )
         )
         self._owned.move_into_place(temporaries, files)
-
-    def _has(self, name: str, content: Content) -> bool:
-        return is_ours(self.root, name, self.record.files) and holds(self.root / name, content)
 
     def remove(self, *names: str) -> None:
         """Delete files of the whole dive, or all of a folder, that the program wrote."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import table_rows
 from stereo_seecolor.files.json_records import as_record, load_object
+from stereo_seecolor.files.whole_files import damaged_map
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.layout import MAP
 
@@ -77,15 +77,11 @@ def open_map(out: Path) -> FinishedMap | None:
             range_scale=_length("range_scale", description.get("range_scale", 1)),
         )
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
-        raise InputError(
-            f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}"
-        ) from error
+        raise damaged_map(folder, error) from error
 
 
 def track_points(out: Path) -> tuple[TrackPoint, ...]:
-    """Read the positions of the frames of all components of a map; none where there is no map, or
-    it is damaged.
-    """
+    """The positions of the frames of all components of a map; none without an intact map."""
     try:
         return tuple(
             _point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path)

@@ -1,6 +1,4 @@
-"""The table of a run, with a row for each pair and each file without a partner; its problems, and
-its summary.
-"""
+"""The table of a run: a row for each pair and unpaired file; problems, and summary."""
 
 import re
 from collections import Counter
@@ -154,18 +152,14 @@ class _Tally:
 
 @dataclass(frozen=True)
 class Problem:
-    """A kind of error or warning. what: its text, as it came first. names: of the frames that have
-    it, in order.
-    """
+    """A kind of error or warning. what: its first text. names: of its frames, in order."""
 
     what: str
     names: tuple[str, ...]
 
 
 def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
-    """Group errors and warnings into kinds, the most frequent first; those that differ in numbers
-    alone are one kind.
-    """
+    """Group errors and warnings by text without numbers, the most frequent first."""
     seen: dict[str, tuple[str, list[str]]] = {}
     for row in rows:
         for text in (*((row.error,) if row.error else ()), *row.warnings):

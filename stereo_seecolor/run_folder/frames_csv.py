@@ -24,9 +24,7 @@ _TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "e
 
 
 def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
-    """Write the rows as lines of UTF-8 CSV, with columns in a fixed order and one ``<stage>_s``
-    column for each stage.
-    """
+    """The rows as lines of UTF-8 CSV, columns in fixed order, with ``<stage>_s`` of each stage."""
     facts, stages = set[str](), set[str]()
     for row in rows:
         facts.update(row.facts)
@@ -57,16 +55,12 @@ def _cells(row: FrameRow, facts: Sequence[str], stages: Sequence[str]) -> list[o
 
 
 def read_frames(path: Path, stages: Sequence[str]) -> tuple[FrameRow, ...]:
-    """Read the rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it
-    is gone or damaged.
-    """
+    """Read the rows of a frames.csv. stages: those with seconds. Raises InputError."""
     return _read(path, lambda cells: _with_numbers(_row(cells), cells, stages))
 
 
 def read_rows(path: Path) -> tuple[FrameRow, ...]:
-    """Read name, status, files, time and error alone of each row of a frames.csv. Raises InputError
-    as ``read_frames``.
-    """
+    """Read name, status, files, time and error alone of a frames.csv. Raises InputError."""
     return _read(path, _row)
 
 

@@ -32,9 +32,7 @@ LIMITS = KeptPixelsLimits()
 
 @dataclass(frozen=True, eq=False)
 class FramePixels:
-    """A rectified left image; its ranges and which of them were measured, None where they must be
-    read from OUT.
-    """
+    """A rectified left image; its ranges and which were measured, None: to read from OUT."""
 
     image: Image
     range_m: Map | None = None

@@ -107,9 +107,7 @@ class Shelves:
     """How the outputs of a large dive are spread over folders."""
 
     most_flat: int = 10_000
-    """Frames whose files lie in one folder a product: more make file managers, network disks and
-    backups slow.
-    """
+    """Most frames in one folder a product: more make file managers and network disks slow."""
     each: int = 1000
     """Frames a folder of a larger dive."""
 
@@ -137,9 +135,7 @@ def product_path(product: str, name: str, image_format: str) -> str:
 
 
 def original_path(product: str, left: Path) -> str:
-    """The path of a product in the left camera's own pixels, relative to OUT; it has the name of
-    the left image.
-    """
+    """The path in OUT of a product in the left camera's pixels; named as the left image."""
     return f"{product}/{left.stem}{PRODUCTS[product].suffix or left.suffix}"
 
 

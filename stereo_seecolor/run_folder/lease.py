@@ -116,10 +116,7 @@ def held(root: Path) -> Iterator[Holder]:
         now = None
         with contextlib.suppress(OSError):
             now = Holder.load(root)
-        who = f" ({now})" if now else ""
-        raise OutputError(
-            f"{root}: another run writes into it now{who}: wait for it, or choose another --out"
-        ) from error
+        raise OutputError(_in_use(root, now)) from error
     except OSError as error:
         if error.errno not in WITHOUT_LOCKS:
             raise OutputError(
@@ -201,13 +198,15 @@ def _beat(root: Path, me: Holder) -> bool:
     return True
 
 
+def _in_use(root: Path, other: Holder | None) -> str:
+    who = f" ({other})" if other else ""
+    return f"{root}: another run writes into it now{who}: wait for it, or choose another --out"
+
+
 def _refusal(root: Path, other: Holder) -> str:
     age_s = _age_s(root)
     if age_s <= TIMES.stale_s:
-        return (
-            f"{root}: another run writes into it now ({other}): wait for it, or choose another "
-            "--out"
-        )
+        return _in_use(root, other)
     return (
         f"{root}: was locked by {other}, which has shown no activity for {age_s / 60:.0f} min "
         f"and did not end by itself: make sure that it has ended, remove {lease_file(root)}, "

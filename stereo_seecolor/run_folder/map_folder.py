@@ -1,6 +1,4 @@
-"""OUT/map, replaced as a whole or not at all: the new map is built beside it, and takes its place
-in one rename.
-"""
+"""OUT/map, replaced as a whole or not at all: a new map takes its place in one rename."""
 
 import shutil
 from collections.abc import Iterator

@@ -84,9 +84,7 @@ class OwnedFiles:
             flush_folder(self._unflushed.pop())
 
     def delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Delete files of the program; one that somebody changed since is moved aside instead.
-        Raises OutputError.
-        """
+        """Delete files of the program; changed ones are moved aside instead. Raises OutputError."""
         for path in paths:
             place = self.root / path
             if is_as_written(self.root, path, files):

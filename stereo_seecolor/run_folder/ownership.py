@@ -1,6 +1,4 @@
-"""Whether a run may use a folder: whose results it holds, what else lies in it, and what
---overwrite may delete.
-"""
+"""Whether a run may use a folder: whose results it holds, what --overwrite may delete."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,9 +38,7 @@ NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 
 
 COMPARED_FRAMES = 5
-"""Frames whose files are compared to recognize a dive that was moved: the first, the last and three
-between.
-"""
+"""Frames compared to recognize a moved dive: the first, the last and three between."""
 
 
 class Files(Protocol):
@@ -99,9 +95,7 @@ class Owner:
         return grew_or_shrank and all(self._same_files(common, manifest))
 
     def _same_files(self, common: Sequence[int], manifest: Manifest) -> Iterator[bool]:
-        """For some of the frames of these numbers, spread over them, whether their files are those
-        that are recorded.
-        """
+        """Whether the files of some of the frames of these numbers are those that are recorded."""
         steps = range(min(COMPARED_FRAMES, len(common)))
         for number in dict.fromkeys(
             common[step * (len(common) - 1) // max(steps[-1], 1)] for step in steps

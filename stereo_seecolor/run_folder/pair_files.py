@@ -1,6 +1,4 @@
-"""The files of one pair as content to be written: its range map; its corrected frame and cloud;
-its rectified images.
-"""
+"""The files of one pair as content: range map; corrected frame and cloud; rectified images."""
 
 from collections.abc import Callable, Iterator
 from functools import partial

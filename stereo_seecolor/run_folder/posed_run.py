@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.whole_files import damaged_map
 from stereo_seecolor.records import GeoOrigin, Map
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
@@ -112,9 +113,7 @@ QUATERNION_TOLERANCE = 1e-6
 
 
 def open_posed_run(out: Path) -> PosedRun:
-    """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that
-    is damaged.
-    """
+    """The run in ``out`` with its map's poses. Raises InputError without an intact map."""
     run, folder = open_run(out), out / MAP
     made = open_map(out) if all((folder / name).is_file() for name in (CLOUD, MESH)) else None
     if run.geometry is None or made is None:
@@ -128,14 +127,9 @@ def open_posed_run(out: Path) -> PosedRun:
             rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - np.array(made.offset_m)
         )
     except (OSError, ValueError, IndexError) as error:
-        raise InputError(
-            f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}"
-        ) from error
+        raise damaged_map(folder, error) from error
     if len(made.track) != len(T):
-        raise InputError(
-            f"{folder}: trajectory.tum and poses.csv differ: make the map again with "
-            f"stereo-seecolor fuse {out}"
-        )
+        raise damaged_map(folder, "trajectory.tum and poses.csv differ")
     current = {frame.name: frame for frame in run.frames}
     chosen = [i for i, point in enumerate(made.track) if point.name in current]
     return PosedRun(

@@ -1,6 +1,4 @@
-"""What each command may delete or replace of earlier results, and the refusal of inputs that lie
-there.
-"""
+"""What each command may delete or replace of results; inputs there are refused."""
 
 import os
 from collections.abc import Iterable, Iterator

@@ -1,3 +1,1 @@
-"""The images of a run on the surface of its map: the view that shows each triangle best, and pages
-of texture.
-"""
+"""Images of a run on its map's surface: the best view of each triangle, and texture pages."""

@@ -1,6 +1,4 @@
-"""Choice of one view for each triangle: a good one, and the same as its neighbors' where that costs
-little.
-"""
+"""Choice of a view for each triangle: a good one, and its neighbors' at little cost."""
 
 import numpy as np
 from numpy.typing import NDArray

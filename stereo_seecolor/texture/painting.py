@@ -70,9 +70,7 @@ def pack(charts: Charts, group: int, unseen: NDArray[np.int64], step: int) -> li
 def page_mesh(
     charts: Charts, page: Page, triangles: NDArray[np.int32], of_chart: Sequence[NDArray[np.int64]]
 ) -> PageMesh:
-    """Vertices of a page, with their places in it. triangles: of the surface. of_chart: the
-    triangles of each chart.
-    """
+    """Vertices of a page, with their places in it. of_chart: triangles of each chart."""
     faces = np.concatenate([np.zeros(0, np.int64), *(of_chart[chart] for chart in page.charts)])
     nodes, inverse = np.unique(charts.node[faces], return_inverse=True)
     position = np.zeros(len(charts.view), np.int64)
@@ -100,9 +98,7 @@ def _sources(charts: Charts, own: NDArray[np.int64], step: int) -> NDArray[np.in
 def _shelves(
     sizes: NDArray[np.int64],
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]]:
-    """Rectangles (width, height) in rows of falling height: which are on a page, their places, and
-    the page's size.
-    """
+    """Rectangles (width, height) in rows of falling height: placed ones, places, page size."""
     if not len(sizes):
         return
     most = max(MOST_PX, int(sizes.max()))

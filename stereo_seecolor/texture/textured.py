@@ -24,9 +24,7 @@ class Textured:
     group: NDArray[np.int64]
 
     def pages(self, group: int = 0, step: int = 1) -> Iterator[tuple[PageMesh, NDArray[np.uint8]]]:
-        """A group's triangles and their textures (H, W, 3) RGB. step: pixels of the images to one
-        of the texture.
-        """
+        """A group's triangles and textures (H, W, 3) RGB. step: image pixels to one of these."""
         own = np.flatnonzero((self.group == group) & (self.charts.of_face >= 0))
         order = own[np.argsort(self.charts.of_face[own], kind="stable")]
         counts = np.bincount(self.charts.of_face[order], minlength=len(self.charts.view))

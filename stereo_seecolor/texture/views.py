@@ -24,9 +24,7 @@ class TextureLimits:
     kept: int = 8
     """Views a triangle keeps: more than overlap usefully in a survey."""
     same_range: float = 0.02
-    """A view shows a place whose distance is the measured range within this fraction: else
-    something stands before it.
-    """
+    """A view shows a place at the measured range within this fraction: else it is hidden."""
     border_px: float = 3.0
     """From the image's border, where rectification and correction have no full support."""
     corner_loss: float = 0.4

@@ -1,3 +1,1 @@
-"""The water between camera and reef: its parameters, their limits, and Jerlov's optical water
-types.
-"""
+"""The water between camera and reef: parameters, limits, and Jerlov's optical types."""

@@ -34,9 +34,7 @@ KD_JERLOV: dict[JerlovType, Spectrum] = {
     "5C": np.array([1.1, 0.78, 0.56, 0.43, 0.36, 0.31, 0.3, 0.33, 0.4, 0.48, 0.54, 0.65, 0.8]),
     "7C": np.array([1.6, 1.2, 0.89, 0.71, 0.58, 0.49, 0.46, 0.46, 0.48, 0.54, 0.63, 0.78, 0.92]),
 }
-"""Type -> (13,) diffuse attenuation coefficient Kd, 1/m: Jerlov, Marine Optics (1976), table
-XXVII.
-"""
+"""Type -> (13,) diffuse attenuation Kd, 1/m: Jerlov, Marine Optics (1976), table XXVII."""
 
 KD_REVISED: dict[JerlovType, Spectrum] = {
     "IB": np.array(

@@ -1,6 +1,4 @@
-"""Limits of the water parameters, which are checked wherever they are read, fitted or given by a
-program.
-"""
+"""Limits of the water parameters, checked wherever they are read, fitted or given."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -93,9 +91,7 @@ def problem_of(water: Mapping[str, Any]) -> str:
 
 
 def _all_inside(water: Mapping[str, Any]) -> bool:
-    """Whether all parameters are within their limits, by one fast test: thousands of waters are
-    made, and few are wrong.
-    """
+    """Whether all parameters are within limits, by one fast test of thousands of waters."""
     values = [water[name] for name in PARAMETERS]
     return all(map(_is_channels, values)) and bool(
         ((values >= _LEAST) & (values <= _GREATEST)).all()

@@ -244,9 +244,7 @@ def read_water_document(path: Path) -> dict[str, Any]:
 
 
 def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDArray[np.float64]]:
-    """Ranges as float64, and (3,) numbers shaped so that products with them are (3, ...): numpy is
-    slow at rows of 3.
-    """
+    """Ranges as float64, and (3,) numbers shaped for (3, ...) products: rows of 3 are slow."""
     z = np.asarray(range_m, dtype=np.float64)
     return [z, *(number.reshape(3, *(1,) * z.ndim) for number in numbers)]
 

@@ -280,7 +280,7 @@ def test_an_image_of_another_size_is_refused_by_its_header(
     monkeypatch.setattr("cv2.imdecode", decoded)
     with pytest.raises(InputError, match="damaged"):
         replace(fitting, size=(6, 8)).read(product)
-    monkeypatch.setattr("stereo_seecolor.files.decode.MOST_PIXELS", 47)
+    monkeypatch.setattr("stereo_seecolor.files.image_headers.MAX_PIXELS", 47)
     with pytest.raises(InputError, match="damaged"):
         replace(fitting, size=None).read(product)
 

@@ -343,7 +343,7 @@ def test_an_exr_is_refused_by_its_header(tmp_path: Path) -> None:
     at = content.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     content[at : at + 16] = np.array([0, 0, 99_999, 99_999], "<i4").tobytes()
     (tmp_path / "a.exr").write_bytes(content)
-    with pytest.raises(InputError, match=r"a.exr: claims 1 channels of 100000x100000 pixels"):
+    with pytest.raises(InputError, match=r"a.exr: claims 100000x100000 pixels"):
         read_range_map(tmp_path / "a.exr")
 
 

@@ -87,7 +87,7 @@ def seen() -> Callable[[Trajectory], ComparedNavigation]:
     count = len(times_s)
     names = tuple(f"f{i:02}" for i in range(count))
     index = FrameIndex(names, times_s, (np.zeros((0, 3), np.float32),) * count)
-    true = place(index, vehicle(noise=0).read(), CONFIG).T_world_camera
+    true = place(index, vehicle(noise=0).read()).T_world_camera
     rng = np.random.default_rng(1)
     edges = []
     for i, j in ((i, i + step) for step in (1, 2) for i in range(count - step)):
@@ -100,7 +100,7 @@ def seen() -> Callable[[Trajectory], ComparedNavigation]:
     survey = SimpleNamespace(index=index)
 
     def compare(trajectory: Trajectory) -> ComparedNavigation:
-        given = place(index, trajectory, CONFIG)
+        given = place(index, trajectory)
         return examine(given, survey, edges, trajectory, CONFIG, own)  # type: ignore[arg-type]
 
     return compare

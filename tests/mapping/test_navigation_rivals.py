@@ -75,7 +75,7 @@ def told(
     count = len(times_s)
     names = tuple(f"f{i:02}" for i in range(count))
     index = FrameIndex(names, times_s, (np.zeros((0, 3), np.float32),) * count)
-    true = place(index, table(course, lasts_s, None).read(), CONFIG).T_world_camera
+    true = place(index, table(course, lasts_s, None).read()).T_world_camera
     rng = np.random.default_rng(1)
     edges = []
     for i, j in ((i, i + step) for step in (1, 2, 3) for i in range(count - step)):
@@ -89,7 +89,7 @@ def told(
     given = given if isinstance(given, Trajectory) else given.read(mount)
     survey = SimpleNamespace(index=index)
     return examine(
-        place(index, given, CONFIG),
+        place(index, given),
         survey,  # type: ignore[arg-type]
         edges,
         given,

@@ -46,7 +46,7 @@ class RealDive:
 
     def judged(self, trajectory: Trajectory) -> Navigation:
         """What is said of poses; the track is followed once."""
-        given = place(self.survey.index, trajectory, CONFIG)
+        given = place(self.survey.index, trajectory)
         return examine(given, self.survey, self.track.edges, trajectory, CONFIG).navigation
 
 

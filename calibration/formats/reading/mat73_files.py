@@ -83,7 +83,7 @@ class _Mat73:
         array = np.asarray(node[()]).T
         if kind == "char":
             return array.ravel(order="F").astype(np.uint16).tobytes().decode("utf-16-le", "replace")
-        return Opaque("MCOS", kind, array) if "MATLAB_object_decode" in node.attrs else array
+        return Opaque(array) if "MATLAB_object_decode" in node.attrs else array
 
     def cells(self, node: Any, depth: int) -> list[Any]:
         if math.prod(node.shape) > MAX_ELEMENTS:

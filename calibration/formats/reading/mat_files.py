@@ -40,15 +40,14 @@ STORED = {
 MI_MATRIX, MI_COMPRESSED = 14, 15  # data types (MAT-File Format, table 1-1)
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17  # array classes (table 1-3)
 NUMERIC = range(6, 16)
+CUT = "is cut off or damaged: an element reaches beyond its end"
 ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable of a class: its system ("MCOS"), its class, its place in the subsystem."""
+    """A variable of a class: its place in the subsystem."""
 
-    system: str
-    class_name: str
     reference: Any
 
 
@@ -86,12 +85,12 @@ class Mat5Reader:
         else:
             following = start + size + (0 if kind == MI_COMPRESSED else -size % 8)
         if start + size > len(data):
-            raise CalibrationError("is cut off or damaged: an element reaches beyond its end")
+            raise CalibrationError(CUT)
         return kind, data[start : start + size], following
 
     def _integers(self, data: bytes, position: int, count: int) -> tuple[int, ...]:
         if position + 4 * count > len(data):
-            raise CalibrationError("is cut off or damaged: an element reaches beyond its end")
+            raise CalibrationError(CUT)
         return struct.unpack_from(f"{self._order}{count}I", data, position)
 
     def _matrix(self, data: bytes, depth: int) -> tuple[str, Any]:
@@ -105,8 +104,8 @@ class Mat5Reader:
         parts = _Parts(self, data)
         kind = self._integers(parts.next(), 0, 1)[0] & 0xFF
         if kind == OPAQUE:
-            name, system, class_name = (_text(parts.next()) for _ in range(3))
-            return name, Opaque(system, class_name, self._matrix(parts.next(), depth + 1)[1])
+            name, _, _ = (_text(parts.next()) for _ in range(3))  # its system and class
+            return name, Opaque(self._matrix(parts.next(), depth + 1)[1])
         shape = tuple(self._array(*parts.typed()).astype(np.int64).tolist())
         name = _text(parts.next())
         if min(shape, default=0) < 0:

@@ -116,9 +116,7 @@ class ObjectTable:
 
 
 def _blocks(words: Words) -> Iterator[Words]:
-    """(n, 3) name, kind and value of the properties of one object after the other; each block fills
-    whole 8 bytes.
-    """
+    """(n, 3) name, kind and value of each object's properties; each block fills whole 8 bytes."""
     position = 0
     while position < len(words):
         end = position + 1 + 3 * int(words[position])

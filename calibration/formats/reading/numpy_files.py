@@ -1,6 +1,4 @@
-"""NumPy's .npz and .npy: arrays of numbers. Arrays of Python objects (pickles, which can run code)
-are never read.
-"""
+"""NumPy's .npz and .npy: arrays of numbers. Pickles, which can run code, are never read."""
 
 import io
 import math

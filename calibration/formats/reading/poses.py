@@ -36,9 +36,7 @@ stereoCalibrate was given millimeters.
 FARTHEST = 1e9
 """Of any unit: more is no length, and its square may be no number."""
 OTHER_BASELINE = 0.01
-"""Relative difference of baselines from which two transforms in one file are of two
-calibrations.
-"""
+"""Relative difference of baselines from which transforms in a file are of two calibrations."""
 FULL_TURN = 2 * np.pi + 0.01
 ROUNDED = 1e-6
 """Error of R R^T = I from which a rotation has been rounded when it was written."""
@@ -162,9 +160,7 @@ def _of_own_poses(leaf: Leaf, own: list[Array], is_into: bool) -> Pose:
 
 
 def _likelier(pose: Pose) -> Pose:
-    """The pose, or the other one where only that puts the right camera to the right, or the first
-    to the left.
-    """
+    """The pose, or the other one where only that puts the right camera to the right."""
     assert pose.other is not None
     if _direction(pose.other) < _direction(pose.T):
         return replace(pose, T=pose.other, other=pose.T, is_into=not pose.is_into)
@@ -172,9 +168,7 @@ def _likelier(pose: Pose) -> Pose:
 
 
 def _direction(T: Array) -> int:
-    """0 for a right camera to the right of the left one, 1 for one above or below, 2 for one to the
-    left.
-    """
+    """0 for a right camera to the right of the left one, 1 above or below it, 2 to its left."""
     return 2 if is_backward(T) else 0 if is_backward(inverse(T)) else 1
 
 

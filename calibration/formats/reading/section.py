@@ -1,6 +1,4 @@
-"""Access to the keys of a calibration file: each is read with its expected type, and errors name
-file and key.
-"""
+"""Access to the keys of a calibration file, each with its type; errors name file and key."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

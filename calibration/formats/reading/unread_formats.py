@@ -1,6 +1,4 @@
-"""Calibration formats that are recognized but not supported, so that the error names the format and
-the remedy.
-"""
+"""Calibration formats that are recognized but not read: errors name the format and the remedy."""
 
 import re
 
@@ -34,9 +32,7 @@ FOREIGN = {
 
 
 def foreign(text: str) -> str | None:
-    """Name the calibration format of a text file that is not read here, with what to do; None if it
-    is none of these.
-    """
+    """Name the calibration format of a text that is not read here, and what to do; else None."""
     for name, pattern in FOREIGN.items():
         if re.search(pattern, text, re.MULTILINE) or (name == DLT and _is_dlt(text)):
             return (
@@ -47,9 +43,7 @@ def foreign(text: str) -> str | None:
 
 
 def _is_dlt(text: str) -> bool:
-    """Tell whether a text is a column or a row of eleven numbers for one camera or two, also below
-    a line of names.
-    """
+    """Whether a text is eleven numbers for one camera or two, also below a line of names."""
     lines = [line for line in text.splitlines() if line.strip()]
     if len(lines) > DLT_COUNT + 1:
         return False

@@ -22,24 +22,15 @@ from stereo_seecolor.records import Water
 LEAST, MOST = 4, 10
 """Least and most blocks: with fewer the error is not reliable, more take time."""
 LEAST_VARIANCE = 1e-12
-"""Least variance of a logarithm: the errors that a user stated may not be possible for three
-numbers that sum to 0.
-"""
+"""Least variance of a logarithm: stated errors may be impossible for numbers that sum to 0."""
 
 
 def with_errors_of_blocks(
     water: Water, whole: MomentTable, blocks: Iterable[MomentTable], config: ColorConfig
 ) -> Water:
-    """Set the standard errors of a water to the jackknife errors, where these are larger.
-
-    Args:
-        water: Fitted to ``whole``.
-        whole: The sum of the blocks.
-        blocks: Tables of blocks of neighboring frames, at most MOST, one at a time.
-        config: Settings of the color stage.
-
-    Returns:
-        The water. Unknown errors (NaN) stay unknown.
+    """Set the standard errors of a water to the jackknife errors, where these are larger; unknown
+    errors (NaN) stay unknown. whole: the table that it was fitted to, the sum of the blocks.
+    blocks: tables of neighboring frames, at most MOST, one at a time.
     """
     if not water.standard_errors or config.method != "robust":
         return water
@@ -80,9 +71,7 @@ def _of_colors(error: NDArray[np.float64]) -> NDArray[np.float64]:
 def _errors(
     water: Water, rest: Sequence[RangeQuantiles], config: ColorConfig
 ) -> dict[str, NDArray[np.float64]]:
-    """(3,) errors of each parameter, from what is left without each block; of the white point those
-    of its color.
-    """
+    """(3,) errors of each parameter from the fits without each block; of white, those of color."""
     waters, _ = robust.fit_all(rest, config, [water] * len(rest))
     values = np.array([[getattr(one, name) for name in NAMES] for one in waters])
     white = np.log(values[:, 4])

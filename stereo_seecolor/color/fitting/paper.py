@@ -67,18 +67,9 @@ def fit(
     start: Water | None = None,
     until_s: float | None = None,
 ) -> Water:
-    """Train the networks: ``config.iterations`` steps, ``iterations_per_frame`` from a start.
-
-    Args:
-        table: The moment table, with at least one pixel.
-        config: Settings of the method.
-        encoding: Encoding of the values of the table.
-        start: The water of a frame of the same scene.
-        until_s: Time of ``time.perf_counter`` after which no further step begins; there is at least
-            one step.
-
-    Returns:
-        The water of the last weights, without standard errors.
+    """Train the networks: ``config.iterations`` steps, ``iterations_per_frame`` from ``start``, the
+    water of a frame of the same scene. until_s: of ``time.perf_counter``, after which no step but
+    the first begins. Returns the water of the last weights, without standard errors.
     """
     with one_thread():
         training = Training(table, config, encoding, start)

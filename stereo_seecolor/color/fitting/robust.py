@@ -35,25 +35,19 @@ class RobustSettings:
     """Weights of quantiles, and limits of warnings."""
 
     few_pixels: float = 200.0
-    """Quantiles of this many pixels have half the weight, because neighboring pixels often show one
-    object.
-    """
+    """Quantiles of so many pixels have half the weight: neighbors often show one object."""
     alike: float = 4.0
     """Variance of the mean color of a range's quantiles, relative to independent ones, because they
     show the same things: 4.1 in photographs with measured ranges, 3.3 on a synthetic reef.
     """
     nothing_learned: float = 0.9
-    """With a standard error of at least this fraction of the prior's, the image adds no
-    information.
-    """
+    """With a standard error of this fraction of the prior's, the image adds no information."""
     little_relief: float = 1.2
     """Ratio of farthest to nearest range; below it, the prior dominates the attenuation."""
     least_direct: float = 0.05
     """Least direct signal at the start, fraction of the light: its logarithm must be finite."""
     least_light: float = 1e-6
-    """Least scale of the light, fraction of full scale, for black images: a tenth of a 16-bit
-    value.
-    """
+    """Least scale of light, fraction of full scale: a tenth of a 16-bit value, for black images."""
     red_highlights: float = 0.55
     """Excess of red of the brightest hundredth over the middle half, relative to natural scenes,
     that causes a warning: logarithm of R/B. FLSea and 3374 have -0.2 to 0.15, frames with lamp-lit
@@ -67,9 +61,7 @@ class RobustSettings:
 
 SETTINGS = RobustSettings()
 COLOR_AXES = np.array([[3**0.5, 0.0, -(3**0.5)], [1.0, -2.0, 1.0]]).T / 6**0.5
-"""(3, 2) orthonormal axes of colors: warm to cool, and green to magenta; perpendicular to
-brightness.
-"""
+"""(3, 2) orthonormal axes of colors: warm-cool and green-magenta, perpendicular to brightness."""
 LEAST_PRECISION = 1e-6
 """Least precision of a logarithm along an axis: an image without information about it."""
 NAMES = ("y", "w", "beta", "gamma_inf", "white")
@@ -109,9 +101,7 @@ def fit_all(
     starts: Sequence[Water | None] = (),
     enough: float = 0.0,
 ) -> tuple[list[Water], NDArray[np.float64]]:
-    """Fit several tables at once, as ``fit`` does, and compute costs as ``quality`` does. enough:
-    as in ``minimize``.
-    """
+    """Fit several tables at once, as ``fit`` and ``quality`` do. enough: as in ``minimize``."""
     begun = zip(several, starts or [None] * len(several), strict=True)
     problems, x = zip(*(_begin(seen, config.robust, start) for seen, start in begun), strict=True)
     found, curvature, costs = minimize(problems, x, enough)

@@ -42,9 +42,7 @@ class Steps:
     least_damping: float = 1e-6
     """Least damping: below it, a step is nearly a Gauss-Newton step."""
     converged: float = 1e-4
-    """The fit ends with a step that lowers the cost and changes all logarithms of the water by
-    less.
-    """
+    """The fit ends with a step that lowers the cost and changes all logarithms by less."""
 
 
 STEPS = Steps()
@@ -135,9 +133,7 @@ class Batch:
 
     @classmethod
     def of(cls, problems: Sequence[FitProblem]) -> Self:
-        """Combine several problems, padded to equal numbers of ranges by ranges of trust 0, which
-        have no effect.
-        """
+        """Combine several problems, padded to equal numbers of ranges by ranges of trust 0."""
         groups = max(len(problem.range_m) for problem in problems)
         parts = zip(*(_padded(problem, groups) for problem in problems), strict=True)
         z, light, clipped, trust, mean, precision = (

@@ -1,6 +1,4 @@
-"""The prior of the robust fit: reflectances and light, combined with the water
-(``water_prior``).
-"""
+"""The prior of the robust fit: reflectances, light and water (``water_prior``) combined."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -161,10 +161,8 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
 
 
 def random_camera(draw: Vector) -> NDArray[np.float64]:
-    """Compute (3, wavelengths) filters of unit sum.
-
-    Args:
-        draw: (4,) random numbers in [0, 1), for peaks and widths.
+    """(3, wavelengths) filters of unit sum. draw: (4,) random numbers in [0, 1), for peaks and
+    widths.
     """
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
     widths = np.array(ENSEMBLE.widths_nm) * (

@@ -21,9 +21,7 @@ add to it. On synthetic dives with lamps the error is up to 0.4, while the scatt
 observations implies 0.05 to 0.15.
 """
 MOST_BACKSCATTER = 0.8
-"""Fraction of backscatter in the light of a channel; spots with more contain no information about
-attenuation.
-"""
+"""Fraction of backscatter in a channel; spots with more say nothing about attenuation."""
 
 
 @dataclass(frozen=True, eq=False)

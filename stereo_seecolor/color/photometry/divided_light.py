@@ -1,6 +1,4 @@
-"""Divides an image by the light of a survey: each value becomes that under uniform light at the
-usual exposure.
-"""
+"""Divides an image by the light of a survey: values as under uniform light at usual exposure."""
 
 from functools import lru_cache
 from typing import Any
@@ -15,9 +13,7 @@ from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image, Map
 
 NODES = {8: 4096, 16: 65536}
-"""Number of steps of the logarithm of light, by bit depth: half a step is less than a quarter of a
-value.
-"""
+"""Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
 DARKEST = -12.0
 """Logarithm of the darkest light above black: 0.4 of the least linear value of 16 bits."""
 
@@ -58,15 +54,8 @@ def divide_illumination(
 
 
 def with_clipped(divided: Image, image: Image) -> Image:
-    """Give the pixels that the camera clipped at least their own values, so that statistics take
-    them for lower bounds.
-
-    Args:
-        divided: (H, W, 3), the image without its light.
-        image: (H, W, 3), the image itself.
-
-    Returns:
-        (H, W, 3), the divided image; clipped pixels are as bright as in the image.
+    """Give the pixels (H, W, 3) that the camera clipped at least their own values, of ``image``, so
+    that statistics take them for lower bounds.
     """
     clipped = brightest_channel(image) >= FULL_AT * np.iinfo(image.dtype).max
     out = divided.copy()

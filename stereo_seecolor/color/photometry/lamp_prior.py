@@ -35,9 +35,7 @@ class LampSettings:
     aim_rad: float = 0.3
     """Standard deviation of the axis of a lamp relative to that of the camera, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)
-    """Attenuation of luminance, 1/m: clear ocean to harbor. The light travels through the water
-    twice.
-    """
+    """Attenuation of luminance, 1/m: clear ocean to harbor; light crosses the water twice."""
     alone: float = 0.3
     """Fraction of rigs with one lamp."""
     half_width: tuple[float, float] = (0.4, 0.9)
@@ -62,11 +60,8 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
-    and day.
-
-    Args:
-        reference_m: The typical range of the images, m.
+    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night and day.
+    reference_m: the typical range of the images.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5

@@ -1,6 +1,4 @@
-"""Chooses the terms of the light that improve the agreement of views of patches left out of the
-fit.
-"""
+"""Chooses the terms of light that improve the agreement of views of left-out patches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

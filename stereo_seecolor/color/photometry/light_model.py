@@ -52,9 +52,7 @@ POWERS = tuple(
 )
 """Powers of x and y of the pattern's terms."""
 PATTERN = len(POWERS)
-"""Number of terms of the pattern at the reference range; the same number follows for each power of
-the range.
-"""
+"""Terms of the pattern at the reference range; as many follow for each power of the range."""
 TERMS = PATTERN * (SHAPE.range_degree + 1)
 SHADING = 5
 """Number of terms of the shading of a frame: the first of the pattern, of degree 1 and 2."""

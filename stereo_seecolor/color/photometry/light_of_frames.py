@@ -38,17 +38,13 @@ class FramesSettings:
     parts: int = 3
     """Parts of an image along each side, where frames have shading; else the image is one part."""
     least_patches: int = 20
-    """Least patches that both frames show, in each half: the median of fewer follows single
-    caustics.
-    """
+    """Least patches that both frames show, in each half: fewer follow single caustics."""
     least: int = 4
     """Least patches in a part."""
     half: float = 10.0
     """Number of patches with which a part has half of its largest weight."""
     gain: tuple[float, float] = (3.0, 0.05)
-    """Prior standard deviation of the gain of a frame, luminance and color, logarithm: an exposure
-    may stay changed.
-    """
+    """Prior deviation of a frame's log gain, luminance and color: an exposure may stay changed."""
     reef: tuple[float, float] = (2.0, 0.05)
     """Standard error of the mean light of the reef in a frame, luminance and color, logarithm. On
     synthetic dives they vary by 0.25 and 0.05; 60 neighbors count as one frame in luminance,
@@ -91,9 +87,7 @@ bytes: a dive of 100,000 frames has five million of these.
 Parts = NDArray[np.void]
 """(D,) of PART, those of two frames one after the other."""
 MEAN = np.dtype([("frame", "<i4"), ("light", "<f4", 4)])
-"""Mean over the patches of a frame of the logarithm of light without pattern and trend (luminance,
-color R, G, B).
-"""
+"""Mean log light over a frame's patches without pattern and trend (luminance, color R, G, B)."""
 
 
 class Differences(NamedTuple):

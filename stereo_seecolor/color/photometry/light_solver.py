@@ -297,9 +297,7 @@ class ReefSettings:
     """Settings of the mean of the reef."""
 
     range_degree: int = 2
-    """Degree in the logarithm of the range with which the light of the reef may change: corals are
-    nearer than sand.
-    """
+    """Degree in log range by which the reef's light may change: corals are nearer than sand."""
     cells: int = 3
     """Parts of the image, each way, whose means tell how many patches count as one."""
     least_variance: float = 1e-4
@@ -318,9 +316,7 @@ def _cells(terms: NDArray[np.float32]) -> NDArray[np.int64]:
 def _variance_of_mean(
     lights: Sequence[Array], cells: Sequence[NDArray[np.int64]], nuisance: int
 ) -> float:
-    """Variance of a patch's light times the number of patches that are alike, from the means of
-    parts of pictures.
-    """
+    """Variance of a patch's light times the number alike, from the means of parts of pictures."""
     every = np.concatenate(lights)
     fitted = np.linalg.lstsq(every[:, :nuisance], every[:, nuisance:], rcond=None)[0]
     means = []

@@ -46,9 +46,7 @@ class SegmentSettings:
     of two sites mostly 32, at least 5.
     """
     bad: float = 50.0
-    """Cost under a shared water above which frames do not share it, for any cost of their own
-    water.
-    """
+    """Cost under a shared water above which frames do not share it, whatever their own cost."""
     worse_alone: float = 25.0
     """Added to these limits for a single chunk, because one frame may show an unusual object."""
 

@@ -22,17 +22,13 @@ from stereo_seecolor.records import Water
 FitTable = Callable[[MomentTable, Water | None], Water]
 
 CLASS_STOPS = 2.0
-"""Width of a class of brightness; frames more than a class from the largest one have another
-exposure.
-"""
+"""Width of a class of brightness; frames farther from the largest have another exposure."""
 BLACK = -10_000
 """The class of frames without any light."""
 
 
 class Fitter(Protocol):
-    """Takes frames one at a time, in order, and fits a water for each of them. joins: whether
-    ``join`` may be called.
-    """
+    """Fits a water to each frame, taken in order. joins: whether ``join`` may be called."""
 
     joins: bool = False
 

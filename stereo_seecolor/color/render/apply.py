@@ -73,9 +73,7 @@ def corrected(
     tone: Tone,
     config: ColorConfig,
 ) -> Correction:
-    """The correction of an image from its corrected pixels. bright: see ``brighter``. clipped:
-    fraction of clipped ones.
-    """
+    """The correction from its corrected pixels. bright: see ``brighter``. clipped: a fraction."""
     unknown = shown.unknown
     empty = NOTHING_KNOWN if unknown.all() else ""
     pixels = carry_hue(shown, bright)

@@ -60,15 +60,9 @@ class Bounds(NamedTuple):
 
 
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """Limit the colors of a corrected image to measured ones, at pixels with an interpolated range.
-
-    Args:
-        image: (H, W, 3), encoded uint8 or uint16, or float32 in linear light.
-        carried: (H, W) bool, True where the range is interpolated.
-        measured: (H, W) bool, True where the range is measured.
-
-    Returns:
-        The image with limited colors, same shape and type.
+    """Limit the colors of a corrected image (H, W, 3), encoded or float32 in linear light, to
+    measured ones, at pixels with an interpolated range. carried, measured: (H, W) where which is
+    true.
     """
     every = slice(None, None, SETTINGS.every_px), slice(None, None, SETTINGS.every_px)
     bounds = bounds_of(image[every], measured[every]) if carried.any() else None
@@ -99,11 +93,8 @@ def _wide(carried: Mask) -> Mask:
 
 
 def inside_right_image(carried: Mask, outside: Mask) -> Mask:
-    """Return the interpolated areas without those that lie mostly outside the right image.
-
-    Args:
-        carried: (H, W) True where the range is interpolated.
-        outside: (H, W) True outside the right image (``RectifiedPair.outside_right``).
+    """The interpolated areas (H, W) without those that lie mostly outside the right image
+    (``RectifiedPair.outside_right``).
     """
     wide = _wide(carried)
     _, labels = cv2.connectedComponents(wide.view(np.uint8))

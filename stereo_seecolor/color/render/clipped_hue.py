@@ -31,11 +31,8 @@ NEARLY_GRAY = 0.04
 
 
 def carry_hue(shown: Shown, bright: Image) -> NDArray[Any]:
-    """Give pixels without a hue that of their bright neighbors; return the corrected image.
-
-    Args:
-        shown: The correction.
-        bright: (H, W, 3), values by which clipped pixels are known.
+    """Give pixels without a hue that of their bright neighbors; return the corrected image. bright:
+    (H, W, 3), values by which clipped pixels are known.
     """
     at, top = np.flatnonzero(shown.unrecoverable), np.iinfo(bright.dtype).max
     camera, colors = bright.reshape(-1, 3)[at], shown.image.reshape(-1, 3)

@@ -18,9 +18,7 @@ from stereo_seecolor.files import srgb
 from stereo_seecolor.records import Image
 
 BRIGHTEST_SHOWN = 0.97
-"""Displayed value of the brightest pixel that must not clip: leaves a margin for the noise of a
-target.
-"""
+"""Displayed value of the brightest pixel not to clip: a margin for the noise of a target."""
 BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
 """The same in linear light."""
 NODES = 16384

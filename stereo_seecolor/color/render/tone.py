@@ -27,9 +27,7 @@ MOST_LIGHTER = 1.2
 STRAYS = 0.02
 """Largest fraction of the pixels, those with the largest gain, that is left out of the choice,"""
 STRAY_GAIN = 8.0
-"""if the gain of the least attenuated channel exceeds that of the median by this factor: wrong
-ranges.
-"""
+"""if the gain of the clearest channel exceeds the median's by this factor: wrong ranges."""
 _MANTISSA_BITS = 16
 """Bits of float32's mantissa that are dropped for a histogram of 128 bins an octave."""
 _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS

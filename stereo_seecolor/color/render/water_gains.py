@@ -1,6 +1,4 @@
-"""Gain and offset that remove the water, by channel and range, and the limit of the gain by
-noise.
-"""
+"""Gain and offset that remove the water, by channel and range; noise limits the gain."""
 
 from functools import cache
 from typing import NamedTuple

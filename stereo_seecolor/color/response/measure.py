@@ -39,9 +39,7 @@ DEEP_FRAMES = 3
 MOST_MISFIT = 0.35
 """Largest misfit of a law, logarithm, rms."""
 MOST_WHITENESS = 3.3
-"""Largest whiteness of sensor noise: synthetic sensors 0.9 to 3.1, also at half size; JPEG of
-quality 95 3.8 and more.
-"""
+"""Largest whiteness of sensor noise: synthetic sensors 0.9 to 3.1; JPEG of quality 95 3.8."""
 BELOW_ZERO = 0.5
 """Fraction of the brightest mean: a line that reaches 0 so far below it is nearly flat."""
 FLAT = 0.15

@@ -21,15 +21,11 @@ Values = NDArray[np.unsignedinteger]
 SECOND_DIFFERENCE = np.array([1, -2, 1], np.float32) / np.sqrt(np.float32(6))
 """Filter along rows and columns: it removes slopes and preserves the variance of white noise."""
 WIDE = np.array([1, 0, -2, 0, 1], np.float32) / np.sqrt(np.float32(6))
-"""The same over twice the distance: the variance of white noise is the same, that of texture is
-larger.
-"""
+"""The same over twice the distance: white noise has the same variance, texture more."""
 BLOCK_PX = 10
 """100 values: the variance of a block has a standard error of some 20 %."""
 BINS = 14
-"""Bins of brightness, uniform in its root, because there are many dark blocks; a curve has two
-parameters.
-"""
+"""Bins of brightness, uniform in its root: many blocks are dark; a curve has two parameters."""
 LEAST_BLOCKS = 80
 """Least blocks of a bin; with fewer, none is smooth."""
 SMOOTHEST, LEAST_SMOOTHEST = 0.03, 12
@@ -75,14 +71,8 @@ class Blocks:
 
 
 def blocks_of(plane: Values, factor: np.float32) -> Blocks:
-    """Compute the blocks of one channel, from the pixels at which the sensor measured it.
-
-    Args:
-        plane: (H, W) values of an image's channel, unsigned integers.
-        factor: 255 by the largest such value.
-
-    Returns:
-        Blocks that are neither clipped nor cut at zero, with values of 0 to 255.
+    """The blocks of a channel (H, W) that are neither clipped nor cut at zero, with values of 0 to
+    255, from the pixels at which the sensor measured it. factor: 255 by the largest value.
     """
     sites = _native_sites(plane.astype(np.float32) * factor)
     mean, values = _means(sites), _cut(sites)

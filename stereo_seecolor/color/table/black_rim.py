@@ -23,15 +23,11 @@ class RimLimits:
     black: float = 0.0025
     """Linear light of the brightest channel (8 of 255 in sRGB), and at most"""
     of_bright: float = 0.02
-    """of the value that nine tenths of the pixels do not exceed: in an almost black image there is
-    no rim.
-    """
+    """of the value that nine tenths of pixels do not exceed: an almost black image has no rim."""
     corners: int = 2
     """Least black corners of the image: a shadow seldom fills two."""
     soft: float = 0.04
-    """Fraction of the longer side: a port out of focus darkens the image up to this distance from a
-    rim,
-    """
+    """Fraction of the longer side: a blurred port darkens the image so far from a rim,"""
     soft_edge: float = 0.7
     """if the light next to the rim is below this fraction of the light at that distance."""
     hard_px: int = 2

@@ -16,21 +16,12 @@ LAST = (RANGE_BINS << LOW_BITS) - 1
 FIRST = np.float32(NEAREST_M).view(np.int32)
 INFINITY = np.float32(np.inf).view(np.int32)
 LANES = 4
-"""Parallel sums of offsets: neighbors share a bin, and additions to one sum would wait for each
-other.
-"""
+"""Parallel sums of offsets: neighbors share a bin, and would wait for each other."""
 
 
 def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
-    """Count the pixels of an image with a range (finite, above 0); return the moment table.
-
-    Args:
-        image: (H, W, 3) uint8 or uint16.
-        range_m: (H, W) float32 meters.
-        every: Only the middle row of each ``every`` rows is counted.
-
-    Raises:
-        ColorError: For other shapes or types.
+    """Count the pixels of an image (H, W, 3) with a range (finite, above 0), in the middle row of
+    each ``every`` rows; return the moment table. Raises ColorError for other shapes or types.
     """
     check_pair(image, range_m)
     table, lanes = MomentTable.empty(8 * image.itemsize), np.zeros((RANGE_BINS, LANES), np.int64)

@@ -18,9 +18,7 @@ def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.f
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Convert linear light to values of a file: sRGB, also for linear input, because people view
-    it; or as-is.
-    """
+    """Convert linear light to values of a file: sRGB, as people view it; or as-is."""
     return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 

@@ -1,3 +1,1 @@
-"""Measures quality: on color charts, against known truth, between views; and other color methods to
-compare with.
-"""
+"""Measures quality: on color charts, against truth, between views, and of other methods."""

@@ -1,6 +1,4 @@
-"""``evaluate``: compare a finished run with the known truth of its dive, or its frames with each
-other.
-"""
+"""``evaluate``: compare a finished run with its dive's truth, or its frames with each other."""
 
 import hashlib
 from collections.abc import Iterable, Sequence

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import library_for
 from stereo_seecolor.files.srgb import decode_srgb
 
 Pixels = NDArray[np.floating]
@@ -71,9 +71,7 @@ def clipped(pixels: Pixels) -> NDArray[np.bool_]:
 
 
 def score_neutral(pixels: Pixels) -> NeutralScore:
-    """Score of a neutral target's pixels (N, 3): mean psi, and the fraction clipped, without which
-    psi is not a score.
-    """
+    """Score of a neutral target's pixels (N, 3): mean psi, and the fraction clipped."""
     known = np.isfinite(pixels).all(axis=-1)
     angles = gray_angle_deg(pixels[known])
     if not np.isfinite(angles).any():
@@ -126,9 +124,7 @@ def channel_gains(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
 
 
 def exposure_gain(pixels: Pixels, truth: Pixels) -> float:
-    """The gain, common to all channels, that gives an image (linear light) the median brightness of
-    its truth.
-    """
+    """The gain, common to all channels, that gives an image the median brightness of its truth."""
     brightness, true = pixels.sum(axis=-1), truth.sum(axis=-1)
     bright = brightness > 0
     return float(np.median(true[bright] / brightness[bright])) if bright.any() else 1.0
@@ -177,13 +173,8 @@ def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
     """CIEDE2000 color difference of L*a*b* colors (..., 3), shape (...). Raises DeviceError without
     scikit-image.
     """
-    try:
+    with library_for("CIEDE2000", "evaluation"):
         # half a second that other commands need not wait for
         from skimage.color import deltaE_ciede2000
-    except ImportError as error:
-        raise DeviceError(
-            f"color differences need scikit-image ({error}): pip install "
-            "'stereo-seecolor[evaluation]'"
-        ) from error
 
     return np.asarray(deltaE_ciede2000(lab, other), np.float64)  # type: ignore[no-untyped-call]

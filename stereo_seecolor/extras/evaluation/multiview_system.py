@@ -21,9 +21,7 @@ class SightingNoise:
     """Errors of an observation's light; tested on synthetic waters and on the sample dive."""
 
     noise_floor: float = 0.001
-    """Least standard deviation of an observation's light, fraction of full scale: a quarter of a
-    step of 8 bits.
-    """
+    """Least standard deviation of an observation's light: a quarter of a step of 8 bits."""
     outlier: float = 3.0
     """Standard deviations beyond which an observation weighs less than half (Cauchy)."""
     first_scatter: float = 0.05

@@ -1,6 +1,4 @@
-"""Errors of a finished run's ranges and colors against known truth, beside those of the raw
-images.
-"""
+"""Errors of a finished run's ranges and colors against truth, beside the raw images'."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -42,9 +40,7 @@ class RangeScore:
 
 @dataclass(frozen=True)
 class ResultFiles:
-    """The results of one frame. mask: its codes, as run writes them; None: every known range counts
-    as measured.
-    """
+    """Results of a frame. mask: codes as run writes them; None: all known ranges are measured."""
 
     range_m: Path
     corrected: Path
@@ -63,9 +59,7 @@ class FrameScore:
 
 @dataclass(frozen=True)
 class TruthReport:
-    """Scores of a run. range, color, raw_color: means over the frames. missing: names of frames
-    without a result.
-    """
+    """Scores of a run, means over the frames. missing: names of frames without a result."""
 
     frames: tuple[FrameScore, ...]
     missing: tuple[str, ...]

@@ -104,7 +104,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
             f"{poses}: contains only positions: fuse with them, and give OUT/map/trajectory.tum "
             "here"
         )
-    placed = place(index, trajectory, config.mapping)
+    placed = place(index, trajectory)
     scene = _one_water(run, list(index.names))
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
     observations = find_observations(key_frames, frames.geometry, scene.input_encoding)

@@ -20,9 +20,7 @@ COLUMNS = (
     "area",
     "yaw",
 )
-"""BIIGLE's names: UTC, degrees, meters (depths negative), square meters, degrees clockwise from
-north.
-"""
+"""BIIGLE's names: UTC, degrees, meters (depths negative), square meters, degrees from north."""
 
 
 def write(posed: PosedRun, folder: Path) -> None:

@@ -59,9 +59,7 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
 
 
 def export_formats() -> dict[str, ExportFormat]:
-    """The export formats of all installed packages, by name. Raises PluginError for a package that
-    cannot be loaded.
-    """
+    """The export formats of all installed packages, by name. Raises PluginError."""
     return {name: load("exports", name, ExportFormat) for name in added("exports")}
 
 

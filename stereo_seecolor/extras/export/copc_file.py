@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import library_for
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.mapping.raster.georeference import crs_wkt
@@ -48,12 +48,8 @@ DEEPEST = 18
 
 def write(posed: PosedRun, folder: Path) -> str:
     """cloud.copc.laz. Raises DeviceError if a library is missing."""
-    try:
+    with library_for("COPC", "copc"):
         import copclib
-    except ImportError as error:
-        raise DeviceError(
-            'COPC cannot be written without copclib: pip install "stereo-seecolor[copc]"'
-        ) from error
     cloud = read_vertices(posed.map_folder / CLOUD)
     position = np.asarray(cloud["position"], np.float64) + posed.offset_m
     low, high = position.min(axis=0), position.max(axis=0)

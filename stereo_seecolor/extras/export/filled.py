@@ -80,14 +80,9 @@ def _fill_mosaic(posed: PosedRun, folder: Path) -> tuple[int, float]:
 def fill_holes(
     rgba: NDArray[np.uint8], most_px: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Fill the unseen parts of an image (4, H, W) that what was seen encloses.
-
-    Args:
-        rgba: Alpha 0 where nothing was seen.
-        most_px: Width and height of the largest part that is filled.
-
-    Returns:
-        The image, alpha 255 where it was filled, and where that is, (H, W).
+    """Fill the unseen parts (alpha 0) of an image (4, H, W) that what was seen encloses, up to
+    ``most_px`` wide and high. Returns the image, alpha 255 where it was filled, and where that is,
+    (H, W).
     """
     unseen = rgba[3] == 0
     height, width = unseen.shape

@@ -1,6 +1,4 @@
-"""The mesh with the colors of its vertices as binary glTF 2.0: linear light in 16 bits, as the
-format asks.
-"""
+"""The mesh with its vertices' colors as binary glTF 2.0: linear light in 16 bits, as asked."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,4 @@
-"""Points of the map and the frames that see them: each is projected, and compared with the frame's
-measured range.
-"""
+"""Points of the map and the frames that see them, by projection and measured range."""
 
 from dataclasses import dataclass
 
@@ -39,9 +37,7 @@ class ObservedPoints:
 
 
 def observe(posed: PosedRun) -> ObservedPoints:
-    """Points of the cloud that at least two frames see. Raises InputError if a frame's range map is
-    gone or damaged.
-    """
+    """Points of the cloud that two frames see. Raises InputError for a damaged range map."""
     cloud = read_vertices(posed.map_folder / CLOUD)
     chosen = cloud[:: -(-len(cloud) // MOST_POINTS) or 1]
     position, color = np.asarray(chosen["position"], np.float64), np.asarray(chosen["color"])

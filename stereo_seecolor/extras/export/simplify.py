@@ -42,9 +42,7 @@ MOST_AT_VERTEX = 64
 SAMPLES = (
     np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 )
-"""Places in a triangle of the result, as weights of its corners, that are compared with the
-original.
-"""
+"""Places in a triangle of the result, as weights of corners, compared with the original."""
 
 
 @compiled

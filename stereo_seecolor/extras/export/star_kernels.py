@@ -1,6 +1,4 @@
-"""Triangles around a vertex, their distances, normals and quadrics: compiled, for mesh
-simplification.
-"""
+"""Triangles around a vertex, distances, normals and quadrics: compiled, for simplification."""
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.extras.export.triangle_kernels import cross

@@ -147,9 +147,7 @@ def campaign(
 
 @dataclass(frozen=True)
 class _Campaign:
-    """A campaign's file with its paths and settings resolved. folder: of the file, from which its
-    paths start.
-    """
+    """A campaign's file with paths and settings resolved. folder: where its paths start."""
 
     content: CampaignFile
     folder: Path
@@ -222,18 +220,14 @@ def _states(
 
 
 class _SiteWaters:
-    """Fits the water of each site before the first of its dives. keep: waters that are there
-    already are kept.
-    """
+    """Fits the water of each site before its first dive. keep: waters that exist are kept."""
 
     def __init__(self, plan: _Campaign, options: RunOptions, keep: bool) -> None:
         self._plan, self._options, self._keep = plan, options, keep
         self._fitted: set[str] = set()
 
     def of(self, dive: DiveEntry) -> Path | None:
-        """The file of the water that a dive is given: its own, or its site's if that could be
-        fitted; else None.
-        """
+        """The file of a dive's water: its own, or its site's if that could be fitted; else None."""
         site_water = self._plan.site_water(dive)
         if dive.site and site_water.exists():
             return site_water

@@ -1,6 +1,4 @@
-"""The files of a campaign next to the folders of its dives: only unchanged files that the campaign
-wrote are replaced.
-"""
+"""The files of a campaign: only unchanged ones that the campaign wrote are replaced."""
 
 import hashlib
 import json
@@ -19,9 +17,7 @@ FORMAT = "stereo-seecolor/campaign-files"
 
 
 def refuse_files_of_others(root: Path, files: Iterable[Path]) -> None:
-    """Raise OutputError where one of ``files`` in a campaign's folder is there and is not as the
-    campaign wrote it.
-    """
+    """Raise OutputError where one of ``files`` is there and not as the campaign wrote it."""
     written = _written(root)
     for file in files:
         if file.is_symlink() or (

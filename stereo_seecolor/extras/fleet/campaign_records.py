@@ -1,6 +1,4 @@
-"""Metadata of a campaign for archives and catalogs: iFDO of the images of each dive with a map,
-STAC of all dives.
-"""
+"""Metadata of a campaign for archives: iFDO of each dive's images, STAC of all dives."""
 
 import json
 import logging

@@ -1,6 +1,4 @@
-"""The outcome of the dives of a campaign: campaign.csv for users, campaign.json for the next run of
-the campaign.
-"""
+"""The outcome of the dives of a campaign: campaign.csv for users, campaign.json for itself."""
 
 import csv
 import io
@@ -22,9 +20,7 @@ State = Literal["not begun", "done", "some pairs failed", "failed", "stopped"]
 
 @dataclass(frozen=True)
 class DiveState:
-    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive as a whole, or its
-    map, failed.
-    """
+    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive or map failed."""
 
     name: str
     state: State

@@ -14,9 +14,7 @@ class Forecast(RunProgress):
 
     @property
     def ends_s(self) -> float | None:
-        """The time at which the pass will end at its rate so far, seconds since 1970; None before
-        its first pair.
-        """
+        """When the pass ends at its rate so far, seconds since 1970; None before its first pair."""
         if not self.done:
             return None
         return self.began_s + (self.updated_s - self.began_s) * self.total / self.done

@@ -1,6 +1,4 @@
-"""``merge``: the folders of a dive's shards into one, with one water, one manifest and one
-frames.csv.
-"""
+"""``merge``: the folders of a dive's shards into one, with one water and one manifest."""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -122,9 +120,7 @@ def _adopt(folder: RunFolder, other: Path, frame: FrameRecord) -> None:
 
 
 def _linked(source: Path, path: Path) -> Path:
-    """A second name for a file, or a copy of it where the file system has none, beside ``path``.
-    Raises OSError.
-    """
+    """A second name for a file, else a copy, beside ``path``. Raises OSError."""
     temporary = temporary_path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -171,9 +167,7 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
 
 
 def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
-    """All pairs of the parts and the pipeline of their rig. Raises InputError where settings, rig
-    or version differ.
-    """
+    """All pairs of the parts and their pipeline. Raises InputError where parts differ."""
     first = parts[0]
     for part in parts[1:]:
         if part.settings != first.settings or part.run.config != first.run.config:

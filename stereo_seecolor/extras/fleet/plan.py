@@ -1,6 +1,4 @@
-"""``plan``: the cost of a dive, estimated from ten of its pairs: core-hours, wall time, disk and
-memory.
-"""
+"""``plan``: the cost of a dive by ten of its pairs: core-hours, wall time, disk and memory."""
 
 import tempfile
 import time
@@ -153,9 +151,7 @@ def _only(opened: Opened, pairs: Sequence[Pair]) -> Opened:
 
 
 class PassClock:
-    """A listener that measures the processor time of each pass. seconds: pass -> processor time of
-    all pairs, seconds.
-    """
+    """A listener that measures passes. seconds: pass -> processor time of all pairs, seconds."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

@@ -27,9 +27,7 @@ class Part:
 
     @classmethod
     def open(cls, root: Path) -> "Part":
-        """Read a folder. Raises InputError if it holds no run over stereo pairs, or one that did
-        not come to its end.
-        """
+        """Read a folder. Raises InputError if it holds no finished run over stereo pairs."""
         run = open_run(root)
         geometry_of(run, "a merge")
         rows = read_rows(root / FRAMES_TABLE)

@@ -65,9 +65,7 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
 
 
 def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
-    """Write each dive's file. A frame that failed gets the water of another: it is used only if its
-    images are repaired.
-    """
+    """Write each dive's file. A failed frame gets another's water, for when it is repaired."""
     waters = fitter.waters()
     usual = next(iter(waters.values()))
     for file, frames in names.items():

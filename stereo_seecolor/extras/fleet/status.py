@@ -1,6 +1,4 @@
-"""``status``: progress or outcome of a run, read from OUT alone, since the run may be on another
-machine.
-"""
+"""``status``: progress or outcome of a run by OUT alone, as it may be on another machine."""
 
 import time
 from collections.abc import Sequence

@@ -74,9 +74,7 @@ def compare(
 
 
 def _refuse_other_voxels(*sites: Site) -> None:
-    """Raises ComparingError for maps of other voxels: what the coarser one smooths would be growth
-    and loss.
-    """
+    """Raise ComparingError for other voxels: what the coarser smooths would be growth and loss."""
     fine, coarse = sorted(sites, key=lambda site: site.posed.voxel_m)
     if coarse.posed.voxel_m > ALIKE_VOXELS * fine.posed.voxel_m:
         out, edge_m = fine.posed.run.root, coarse.posed.voxel_m

@@ -34,11 +34,7 @@ class Cover:
 
 def cover(colonies: Sequence[Colony], seen_m2: float) -> list[Cover]:
     """A row for each label, the largest surface first. Cells of several outlines are divided among
-    them.
-
-    Args:
-        colonies: all outlines that were seen.
-        seen_m2: planar area that the map shows.
+    them. seen_m2: planar area that the map shows.
     """
     groups: dict[str, list[Colony]] = defaultdict(list)
     for colony in colonies:

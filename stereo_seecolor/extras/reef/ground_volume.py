@@ -56,7 +56,7 @@ def volume_of(
     rim, known = rim_of(heights, own), own & np.isfinite(heights)
     if rim.sum() < FEWEST_RIM_CELLS or not known.any():
         return None
-    volume_l = above_rim(heights, own, rim, ground.grid.cell_m)[1]
+    volume_l = volume_above_rim(heights, own, rim, ground.grid.cell_m)
     if not volume_l > 0:
         return None
     above = (heights - rim_plane(heights, rim))[known]
@@ -81,13 +81,10 @@ def _gain_l(own: Mask, known: Mask, rim: Mask, cell_m: float, correlation_m: flo
     weight = np.where(known, each_l, 0.0)
     weight[rim] = -each_l * (of_rim @ np.linalg.solve(of_rim.T @ of_rim, basis[known].sum(axis=0)))
     reach = int(np.ceil(ALIKE_REACH * correlation_m / cell_m))
-    around, (height, width) = np.pad(weight, reach), weight.shape
-    variance = 0.0
-    for y in range(-reach, reach + 1):
-        for x in range(-reach, reach + 1):
-            alike = np.exp(-((x**2 + y**2) * cell_m**2) / (2 * correlation_m**2)) if x or y else 1.0
-            beside = around[reach + y : reach + y + height, reach + x : reach + x + width]
-            variance += float(alike) * float((weight * beside).sum())
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    alike = np.exp(-(x**2 + y**2) * cell_m**2 / (2 * max(correlation_m, 1e-9) ** 2))
+    beside = cv2.filter2D(weight, -1, alike, borderType=cv2.BORDER_CONSTANT)
+    variance = float((weight * beside).sum())
     return float(np.sqrt(max(variance, 0.0)))
 
 
@@ -107,13 +104,10 @@ def _open_sides(heights: Array, own: Mask, seen: Mask, gap_m: float) -> float:
     return min(open_sides / max(ends, 1), 1.0)
 
 
-def above_rim(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> tuple[float, float]:
-    """Height, and volume in liters, above the plane through the rim."""
-    above = (heights - rim_plane(heights, rim))[inside]
-    seen = above[np.isfinite(above)]
-    if not len(seen):
-        return float("nan"), float("nan")
-    return float(seen.max()), 1000 * float(seen.mean()) * float(inside.sum()) * cell_m**2
+def volume_above_rim(heights: Array, inside: Mask, rim: Mask, cell_m: float) -> float:
+    """Volume, liters, of known cells above the plane through the rim, as if all were known."""
+    above = (heights - rim_plane(heights, rim))[inside & np.isfinite(heights)]
+    return 1000 * float(above.mean()) * float(inside.sum()) * cell_m**2
 
 
 def ground_std_l(heights: Array, inside: Mask, cell_m: float) -> float:

@@ -1,6 +1,4 @@
-"""``measure --lengths``: lengths in frames as a table like EventMeasure's (SeaGIS), for scripts
-that read such tables.
-"""
+"""``measure --lengths``: lengths in frames as a table like EventMeasure's (SeaGIS)."""
 
 from pathlib import Path
 

@@ -1,6 +1,4 @@
-"""``markers``: tags and scale bars on the bottom, found in a fused run and compared with what is
-known of them.
-"""
+"""``markers``: tags and scale bars found in a fused run, against what is known of them."""
 
 from collections.abc import Sequence
 from contextlib import suppress

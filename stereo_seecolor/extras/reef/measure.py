@@ -1,6 +1,4 @@
-"""``measure``: points, lengths and areas in the frames and on the map of a finished run, from a
-table of places.
-"""
+"""``measure``: points, lengths and areas on frames and map of a run, from a table of places."""
 
 import math
 from collections.abc import Sequence
@@ -127,9 +125,7 @@ def measure(out: Path, points: Path) -> list[Measurement]:
 
 
 def surface_of(run: FinishedRun, name: str) -> FrameSurface:
-    """The surface that a frame of a run shows. Raises InputError if the run has no calibration, or
-    not the frame.
-    """
+    """The surface that a frame shows. Raises InputError without a calibration, or the frame."""
     geometry = geometry_of(run, "measuring")
     frame = run.frame(name)
     range_m = frame.measured_range_m()
@@ -339,9 +335,7 @@ def _joined(earlier: Wanted, later: Wanted) -> Wanted:
 
 
 def _wanted(row: dict[str, str], where: str) -> Wanted:
-    """One row of the table, as a thing to measure with one place. where: file and line, for errors.
-    Raises InputError.
-    """
+    """One row of the table, as a thing to measure with one place. Raises InputError."""
     kind = next((kind for kind in LEAST_POINTS if kind == row["kind"]), None)
     if kind is None:
         raise InputError(f"{where}: kind is {row['kind']!r}: give point, length or area")

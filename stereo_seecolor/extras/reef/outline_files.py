@@ -44,9 +44,7 @@ Turn = Callable[[NDArray[np.float64]], Ring]
 
 
 def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
-    """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or
-    cannot be read.
-    """
+    """The polygons of a file in the map's coordinates. Raises InputError if it holds none."""
     try:
         raw = read_bytes(path)
         if kind := next((what for begin, what in OTHERS if raw.startswith(begin)), None):

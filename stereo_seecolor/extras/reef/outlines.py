@@ -1,6 +1,4 @@
-"""Outlines drawn on a map, of a colony or of a kind of bottom, in meters in the map's own
-coordinates.
-"""
+"""Outlines drawn on a map, of a colony or kind of bottom, meters in the map's coordinates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -12,9 +12,7 @@ if TYPE_CHECKING:
 
 
 def metrics_text(result: "SiteMetrics") -> str:
-    """Structure at each scale, then outlines and cover where there are any; each number with its
-    standard error.
-    """
+    """Structure at each scale, then any outlines and cover; each number with standard error."""
     head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
     parts = [
         lines(

@@ -1,6 +1,4 @@
-"""Terrain of a mesh: heights and colors seen from straight above, on a grid, and their standard
-errors.
-"""
+"""Terrain of a mesh: heights and colors from straight above, on a grid, and their errors."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.errors import OutputError, library_for
 from stereo_seecolor.extras.streams import ros_messages as ros
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.records import Map
@@ -29,17 +29,11 @@ TOPICS = {
     "/tf": "TFMessage",
 }
 LIBRARY = "stereo-seecolor"
-"""Begins the name of the library in the header of a recording, by which those of this program are
-known.
-"""
+"""Begins the library's name in a recording's header, by which this program's are known."""
 HEADER_AT = 17
-"""Bytes before the header's first string: the file's signature, 8; the record's kind, 1, and its
-length, 8.
-"""
+"""Bytes before the header's first string: signature, 8; the record's kind, 1; length, 8."""
 POINT_STEP_PX = 2
-"""Every second pixel of every second row becomes a point: 16 bytes each, 5 MB a frame of
-1280x1024.
-"""
+"""Every second pixel of every second row becomes a point: 5 MB a frame of 1280x1024."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +63,8 @@ class McapRecording:
     def __init__(
         self, path: Path, geometry: RectifiedPair, compression: Literal["zstd", "lz4"] = "zstd"
     ) -> None:
-        try:
+        with library_for("MCAP", "bags"):
             from mcap.writer import CompressionType, Writer
-        except ImportError as error:
-            raise DeviceError(
-                "MCAP needs a library that is missing (mcap): pip install -c constraints.txt "
-                "'.[bags]'"
-            ) from error
         ros.definition("Image")  # a library that is missing is found before the file is made
         self._path, self._geometry, self._count = path, geometry, 0
         try:
@@ -147,9 +136,7 @@ def messages(pair: RecordedPair, geometry: RectifiedPair) -> Iterator[tuple[str,
 def _points(
     geometry: RectifiedPair, range_m: Map, color: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """(N, 3) meters in the left camera's axes, and their colors, of a part of the pixels with a
-    measured range.
-    """
+    """(N, 3) meters in the left camera's axes, and colors, of some pixels with a measured range."""
     part = np.s_[::POINT_STEP_PX, ::POINT_STEP_PX]
     known = np.isfinite(range_m[part])
     points = geometry.rays[part][known] * range_m[part][known, None]

@@ -1,6 +1,4 @@
-"""A run as one MCAP file: corrected images, ranges, points and the track, with the time stamps of
-the inputs.
-"""
+"""A run as one MCAP file: corrected images, ranges, points, track, with the inputs' stamps."""
 
 import re
 from dataclasses import replace

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from calibration.rig import quarter_turn
 from calibration.transforms import quaternion
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import library_for
 from stereo_seecolor.records import Map
 
 PACKAGES = {
@@ -159,11 +159,6 @@ def _bytes(content: bytes) -> NDArray[np.uint8]:
 
 @lru_cache
 def _store() -> Any:
-    try:
+    with library_for("MCAP", "bags"):
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise DeviceError(
-            "MCAP needs a library that is missing (rosbags): pip install -c constraints.txt "
-            "'.[bags]'"
-        ) from error
     return get_typestore(Stores.ROS2_HUMBLE)

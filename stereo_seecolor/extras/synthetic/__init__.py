@@ -1,3 +1,1 @@
-"""A synthetic reef with known truth, rendered through the water: for the samples, the tests, the
-benchmarks.
-"""
+"""A synthetic reef with known truth, seen through water: for samples, tests, benchmarks."""

@@ -26,9 +26,7 @@ class School:
 
     @classmethod
     def around(cls, spec: SurveySpec, T_world_camera: NDArray[np.float64], index: int) -> "School":
-        """``spec.fish`` fish in front of the camera, placed again for every pair, since they move
-        and the rig does.
-        """
+        """``spec.fish`` fish in front of the camera, placed again for every pair: they move."""
         rng = np.random.default_rng([spec.seed, 5, index])
         ahead = np.stack(
             [
@@ -58,9 +56,7 @@ class School:
         range_m: NDArray[np.float32],
         color: NDArray[np.float32],
     ) -> Mask:
-        """Write range and color of the fish over what lies behind them, in place; (H, W, S) True
-        where a fish is.
-        """
+        """Write range and color of the fish over the rest; (H, W, S) True where a fish is."""
         moving = np.zeros(range_m.shape, np.bool_)
         if len(self.centers_m):
             in_rows(

@@ -1,6 +1,4 @@
-"""Light on the reef, of the sun through waves and water and of the rig's lamps; and the vignetting
-of the lens.
-"""
+"""Light on the reef: sun through waves and water, the rig's lamps, and lens vignetting."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +9,7 @@ from stereo_seecolor.extras.synthetic.waters import LitWater
 Points = NDArray[np.float32]
 
 LAMPS_M = np.array([[-0.30, -0.12, -0.10], [0.42, -0.12, -0.10]])
-"""Where the lamps sit in the axes of the rectified left camera: either side of the pair, slightly
-above and behind.
-"""
+"""Where the lamps sit in the rectified left camera's axes: beside, above and behind."""
 LAMP_BEAM_EXPONENT = 3.0
 LAMP_RING_RAD, LAMP_SPOKES = 0.12, 9
 """The pattern of a lamp's reflector and of the ribs of its cover: rings this wide, and so many
@@ -82,9 +78,7 @@ def lamp_pattern(contrast: float, away: Points) -> NDArray[np.float32]:
 
 
 def strobe_energy(spec: SurveySpec, index: int) -> float:
-    """Factor on the lamps' light in the pair of that number: strobes that have not recharged, or
-    are set by the camera.
-    """
+    """Factor on the lamps' light in a pair: strobes not recharged, or set by the camera."""
     return float(
         np.exp(
             spec.strobe_variation * np.random.default_rng([spec.seed, 6, index]).standard_normal()

@@ -122,10 +122,10 @@ def track(spec: SurveySpec) -> Trajectory:
         attitude = rotation_from_euler(0.025 * sway[1, i], 0.03 * sway[2, i], 0.025 * sway[0, i])
         R = _looking_down(heading, tilt_rad) @ attitude @ R_left.T
         poses[i] = rigid_transform(R, (x_m[i], y_m[i], z_m[i]))
-    return Trajectory(frame_names(spec, time_s), time_s, poses)
+    return Trajectory(_frame_names(time_s), time_s, poses)
 
 
-def frame_names(spec: SurveySpec, time_s: NDArray[np.float64]) -> tuple[str, ...]:
+def _frame_names(time_s: NDArray[np.float64]) -> tuple[str, ...]:
     """``reef_<milliseconds since 1970>``: unique, in order, and the time can be read back."""
     return tuple(f"reef_{round(t * 1000):013d}" for t in time_s)
 

@@ -1,6 +1,4 @@
-"""Metashape's exported cameras (XML): camera-to-chunk matrices, and the transform that puts the
-chunk onto Earth.
-"""
+"""Metashape's exported cameras (XML): camera-to-chunk matrices, and the chunk's place on Earth."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator

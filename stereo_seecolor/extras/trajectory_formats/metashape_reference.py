@@ -1,6 +1,4 @@
-"""Metashape's exported reference (text): a line a photo with coordinates and yaw, pitch, roll, as
-given or as estimated.
-"""
+"""Metashape's exported reference (text): a photo a line, coordinates and yaw, pitch, roll."""
 
 import numpy as np
 

@@ -21,9 +21,7 @@ def recognizes(lines: Lines) -> bool:
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
-    """The largest reconstruction: east, north, up about its reference; z counts from the sea where
-    that has an altitude.
-    """
+    """The largest reconstruction: east, north, up about its reference; z from the sea if known."""
     try:
         whole = max(load_json("\n".join(lines.all)), key=lambda one: len(one["shots"]))
         shots = whole["shots"]

@@ -23,9 +23,7 @@ def recognizes(lines: Lines) -> bool:
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
-    """Position from northing, easting, depth (the camera's); attitude from the vehicle's angles and
-    the mount's.
-    """
+    """Position from northing, easting and the camera's depth; attitude with the mount's."""
     header = [name.strip().lower() for name in lines.all[0].lstrip("# ").split(",")]
     table = Table.read(
         lines, ",", header, tuple(row for row in lines.content if "northing [m]" not in row[1])

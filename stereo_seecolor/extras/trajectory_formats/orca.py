@@ -1,6 +1,4 @@
-"""ORCA's processed_images.csv:
-``image_name,image_path,timestamp_utc,latitude,longitude,heading_deg,depth_m``.
-"""
+"""ORCA's processed_images.csv: its header is ``image_name,image_path,timestamp_utc,...``."""
 
 import numpy as np
 
@@ -19,9 +17,7 @@ def recognizes(lines: Lines) -> bool:
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
-    """A level vehicle; a depth of zero or less is unknown, and a frame without depth or heading has
-    no pose.
-    """
+    """A level vehicle; without a positive depth or a heading a frame has no pose."""
     header = [name.strip().lower() for name in lines.first.split(",")]
     table = Table.read(lines, ",", header, lines.content[1:])
     depth_m = np.array(table.column("depth_m", np.nan))

@@ -109,9 +109,7 @@ def rectified_trajectory(
 def given_trajectory(
     poses: Path | None, config: MappingConfig, T_rectified_left: np.ndarray
 ) -> Trajectory | None:
-    """Poses with the fixes of the configuration beside them, or either alone; None without any.
-    Raises InputError.
-    """
+    """Poses with the configured fixes, or either alone; None without any. Raises InputError."""
     track, fixes = (
         rectified_trajectory(path, config, T_rectified_left) if path else None
         for path in (poses, config.fixes)
@@ -120,16 +118,8 @@ def given_trajectory(
 
 
 def trajectory_files(path: Path) -> tuple[Path, ...]:
-    """The files that are read for a trajectory.
-
-    Args:
-        path: As given to ``read_trajectory``, with maps of columns or without.
-
-    Returns:
-        The files.
-
-    Raises:
-        InputError: For a bad map.
+    """The files that are read for a trajectory, given as to ``read_trajectory``. Raises InputError
+    for a bad map of columns.
     """
     return tuple(column_map.split_spec(part)[0] for part in column_map.split_files(path))
 

@@ -70,14 +70,7 @@ UNKNOWN_HEADING, _MESSAGE, _ATTITUDE = 65535, "global_position_int", "attitude."
 
 
 def split_files(spec: Path) -> list[Path]:
-    """Split the files of ``position.csv,attitude.csv``.
-
-    Args:
-        spec: One file or several with commas between, with maps of columns or without.
-
-    Returns:
-        The files, each with its map of columns where it has one.
-    """
+    """Split the files of ``position.csv,attitude.csv``, each with its map of columns if any."""
     files: list[str] = []
     for part in [str(spec)] if spec.exists() else str(spec).split(","):
         if files and ("=" in part.partition(":")[0] or "." not in part):
@@ -133,9 +126,7 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def describe_table(lines: Lines) -> str:
-    """Name the columns of a table that is of no known format, with what to do; "" for other
-    files.
-    """
+    """Name the columns of a table of no known format, with what to do; "" for other files."""
     separator = separator_of(lines.header)
     try:
         header = split_fields(lines.header, separator)

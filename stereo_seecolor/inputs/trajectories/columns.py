@@ -1,6 +1,4 @@
-"""What the columns of a table of navigation are, by the words of their names in several languages,
-with their units.
-"""
+"""What the columns of a table of navigation are, by words in several languages, with units."""
 
 import math
 import re

@@ -34,9 +34,7 @@ def below(lines: Lines) -> Iterator[Lines]:
 
 
 def of_json(lines: Lines) -> Lines | None:
-    """A list of records, a record a line, columns of lists, or points of GeoJSON as a table; None
-    for other text.
-    """
+    """A list of records, lines of them, lists by column, or GeoJSON as a table; else None."""
     try:
         content = load_json("\n".join(lines.all))
     except ValueError:

@@ -13,9 +13,7 @@ from stereo_seecolor.records import NEAR_FIX
 Array = NDArray[np.float64]
 
 LEAST_HELD, HELD = 3, 0.5
-"""Rows with one position, and the fraction of positions that have so many, of a receiver that
-repeats its last fix.
-"""
+"""Rows with one position, and the fraction of such, of a receiver that repeats its last fix."""
 MAX_GAP_S = 10.0
 """Acoustic positions come every few seconds; further apart, what lies between is not known."""
 

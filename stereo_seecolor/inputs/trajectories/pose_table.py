@@ -1,6 +1,4 @@
-"""A table of poses with a header: time, x, y, z and a quaternion by the names of their columns, as
-of EuRoC and ROS.
-"""
+"""A table of poses with a header that names time, x, y, z, and quaternion (EuRoC, ROS)."""
 
 import re
 from collections.abc import Callable

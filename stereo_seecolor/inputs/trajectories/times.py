@@ -7,9 +7,7 @@ from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
 _EPOCH_UNITS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
-"""Numbers from here on are in nanoseconds, microseconds, milliseconds: in seconds they would be
-past the year 5000.
-"""
+"""Numbers from here on are in ns, us, ms: as seconds they would be past the year 5000."""
 _MOMENT = re.compile(
     r"(\d{1,4})([/.: -])(\d{1,2})[/.: -](\d{1,4})[ ,T]+"
     r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*+([AP])?\.?(?:M\.?)?\s*+(?:Z|UTC|GMT)?",

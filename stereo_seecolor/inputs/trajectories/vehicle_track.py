@@ -62,14 +62,8 @@ METERS_PER_DEGREE = 111_000.0
 
 
 def step_of(cells: Sequence[str], unit_m: float = METERS_PER_DEGREE) -> float:
-    """What numbers are rounded to: one of the last digit that any of them has.
-
-    Args:
-        cells: As written: ``14.685`` or ``14 41.10``.
-        unit_m: Meters a unit of the first number; degrees of latitude by default.
-
-    Returns:
-        The step, meters; 0 without numbers.
+    """What numbers as written (``14.685``, ``14 41.10``) are rounded to, meters: one of the last
+    digit that any of them has; 0 without numbers. unit_m: meters a unit of the first number.
     """
     parts = [re.findall(r"\d+(?:\.\d+)?", text) for text in cells if "e" not in text.lower()]
     digits = [(len(p), len(p[-1].partition(".")[2])) for p in parts if p]

@@ -1,6 +1,4 @@
-"""Assignment of a trajectory's poses to frames, and the placement that they give; frames without a
-pose are named.
-"""
+"""Assignment of a trajectory's poses to frames; frames without a pose are named."""
 
 import re
 from collections import Counter
@@ -12,7 +10,6 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from calibration.transforms import interpolate
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.names import folder_keys, stem_of_path
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -22,17 +19,13 @@ from stereo_seecolor.mapping.track.jumps import break_up, drop_spikes
 from stereo_seecolor.records import Trajectory
 
 END_TOLERANCE_S = 0.01
-"""So far before the first pose and after the last one a time stamp may lie: they are rounded in
-files.
-"""
+"""A time stamp may lie so far outside of the poses: they are rounded in files."""
 
 FARTHEST_POSE_S = 5.0
 """Poses are interpolated across gaps up to this long."""
 
 CLOCK_S = 1e8
-"""Times since 1970 are larger (1973); smaller ones count from the start of a dive, a bag or a
-program.
-"""
+"""Times since 1970 are larger (1973); smaller ones count from the start of a dive."""
 
 
 WITHIN_S = 60.0
@@ -52,7 +45,7 @@ class Assignment:
     warnings: list[str]
 
 
-def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+def assign(index: FrameIndex, trajectory: Trajectory) -> Assignment:
     """Assign poses by name, or by folder and name (``10h_0001`` of ``10h/left/0001.png``); else by
     time, interpolated; else by order.
 
@@ -65,7 +58,7 @@ def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> 
             return _by_name(index, trajectory, by_key)
     if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
         by_number = _by_image_number(index, trajectory)
-        return by_number or _by_time(index, trajectory, config)
+        return by_number or _by_time(index, trajectory)
     if not by_stem and len(trajectory.T_world_camera) == len(index.names):
         return _of_places(trajectory, np.arange(len(index.names)), "in order")
     if (
@@ -187,7 +180,7 @@ def _clock_offset_s(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64])
     return float(np.median(offsets)) if np.ptp(offsets) <= 2 * END_TOLERANCE_S else None
 
 
-def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+def _by_time(index: FrameIndex, trajectory: Trajectory) -> Assignment:
     warnings = []
     offset_s = _clock_offset_s(index.timestamps_s, trajectory.timestamps_s)
     if offset_s is not None:
@@ -276,14 +269,14 @@ def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(T).all(axis=(1, 2)))
 
 
-def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Placement:
+def place(index: FrameIndex, trajectory: Trajectory) -> Placement:
     """Match a trajectory to frames: by name, else by time (interpolated), else, where neither says
     anything, by order.
 
     Poses that are not finite, or that jump away and back, leave their frame out; a jump that stays
     breaks the track into components. Raises MappingError if nothing matches.
     """
-    found = assign(index, trajectory, config)
+    found = assign(index, trajectory)
     T, reasons, warnings = found.T_world_camera, found.reasons | index.lost, found.warnings
     T[list(index.lost)] = float("nan")
     for name, count in Counter(index.names).items():
@@ -307,9 +300,7 @@ DAYS_H = 72.0
 
 
 def clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
-    """How far the times of the poses lie from the frames', and what to do; "" where they overlap or
-    are not known.
-    """
+    """How far the times of poses and frames lie apart, and what to do; "" if they overlap."""
     frames, poses = (
         times[np.isfinite(times)] for times in (index.timestamps_s, trajectory.timestamps_s)
     )

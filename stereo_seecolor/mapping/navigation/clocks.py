@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign
 from stereo_seecolor.records import Trajectory
@@ -30,7 +29,6 @@ DRIFTS = 0.6
 def of_other_clocks(
     index: FrameIndex,
     trajectory: Trajectory,
-    config: MappingConfig,
     misfit: Callable[[Array], float],
 ) -> Iterator[tuple[str, Array]]:
     """The poses by the clock that fits best, and by a drifting one if that fits far better."""
@@ -51,7 +49,7 @@ def of_other_clocks(
         """Of clocks that differ by so much at the first and at the last frame."""
         differ_s = begin_s + (end_s - begin_s) * (own.timestamps_s - times_s[0]) / lasts_s
         moved = replace(own, timestamps_s=own.timestamps_s + differ_s)
-        return assign(index, moved, config).T_world_camera
+        return assign(index, moved).T_world_camera
 
     def cost(begin_s: float, end_s: float) -> float:
         T = poses(begin_s, end_s)

@@ -150,7 +150,7 @@ def examine(
     )
     verdict = ComparedNavigation(navigation, given, position_m, attitude_deg)
     plain = seen.misfit(T)
-    clock = _other_clock(T, survey, edges, own, trajectory, config, plain)
+    clock = _other_clock(T, survey, edges, own, trajectory, plain)
     if not np.isfinite(plain) and not clock:
         return verdict
     step_m = trajectory.position_step_m
@@ -160,7 +160,7 @@ def examine(
     is_rounded = navigation.position_residual_m < ROUNDING * step_m
     readings = []
     if plain > READ_RIGHTLY and not is_rounded:
-        others = interpretations(T, seen, survey.index, trajectory, config)
+        others = interpretations(T, seen, survey.index, trajectory)
         readings = best_readings(seen, others)
     # a part is wrong where neither a correction nor a reading of the whole explains it
     parts = wrong_parts(correction.T, seen, survey.index)
@@ -190,7 +190,6 @@ def _other_clock(
     edges: Sequence[Edge],
     own: Placement | None,
     trajectory: Trajectory,
-    config: MappingConfig,
     plain: float,
 ) -> str:
     """What to say of a clock by which far more frames have a pose, where few have one as given and
@@ -205,7 +204,7 @@ def _other_clock(
         return SeenMotion.of(other, edges, own, index.order).thinned(CLOCK_EDGES).misfit(other)
 
     most = min(CLOCK_FITS, BETTER * plain)
-    for name, other in of_other_clocks(index, trajectory, config, misfit):
+    for name, other in of_other_clocks(index, trajectory, misfit):
         more = np.isfinite(other).all(axis=(1, 2))
         if misfit(other) < most and more.sum() > 2 * posed.sum():
             return (

@@ -1,6 +1,4 @@
-"""Given heights against those of the pictures: of the other sign, in another unit, or the same all
-the time.
-"""
+"""Given heights against the pictures': other sign, other unit, or always the same."""
 
 import numpy as np
 from numpy.typing import NDArray

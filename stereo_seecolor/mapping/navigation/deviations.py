@@ -1,6 +1,4 @@
-"""Deviations in given positions that are read rightly: their scale, and places where they jump
-against the pictures.
-"""
+"""Deviations in given positions that are read rightly: their scale, and their jumps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -63,7 +63,7 @@ def at_fixes(
     Components for which they do not tell are left out, and named. Raises MappingError if that is
     the largest one.
     """
-    read = assign(index, trajectory, config).T_world_camera
+    read = assign(index, trajectory).T_world_camera
     fixes = read[:, :3, 3]
     T = own.T_world_camera.copy()
     components = own.components.copy()
@@ -73,7 +73,7 @@ def at_fixes(
         frames = own.frames_of(component)
         fixed = frames[np.isfinite(fixes[frames]).all(axis=1)]
         fit = fit_to_fixes(T[fixed, :3, 3], fixes[fixed], config.prior_position_std_m)
-        if component == 0 and (reading := _other_reading(T, read, index, trajectory, config)):
+        if component == 0 and (reading := _other_reading(T, read, index, trajectory)):
             raise MappingError(
                 f"the fixes contradict the images: {reading}; or make the map without --poses"
             )
@@ -133,9 +133,7 @@ def _scale(track_m: Array, fixes_m: Array) -> float:
     return float(np.median(apart[0]) / max(np.median(apart[1]), SETTINGS.least_m))
 
 
-def _other_reading(
-    T: Array, read: Array, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
-) -> str:
+def _other_reading(T: Array, read: Array, index: FrameIndex, trajectory: Trajectory) -> str:
     """What to say of fixes (N, 4, 4) that fit a track far better in another unit, mirrored, in the
     opposite order or by another clock; "" of others.
     """
@@ -160,7 +158,7 @@ def _other_reading(
         (f"divided by {scale:.3g} (another unit)", off(read, scaled=True)[0]),
     ]
     if np.isfinite(trajectory.timestamps_s).all() and np.isfinite(index.timestamps_s).any():
-        clocks = of_other_clocks(index, trajectory, config, lambda fixes: off(fixes)[0])
+        clocks = of_other_clocks(index, trajectory, lambda fixes: off(fixes)[0])
         by_clock = [(f"with {name}", off(fixes)[0]) for name, fixes in clocks]
         # of many clocks one fits by chance
         readings += [one for one in by_clock if one[1] < SETTINGS.contradicts * reach_m]

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from calibration.robust_statistics import weighted_median
 from calibration.transforms import inverse, quaternion, rotation_from_quaternion
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.angles import of_other_angles
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
@@ -69,7 +68,7 @@ def named(readings: Sequence[PoseReading]) -> str:
 
 
 def interpretations(
-    T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory, config: MappingConfig
+    T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory
 ) -> Iterator[tuple[str, Array]]:
     """List all other readings of the poses. T: (N, 4, 4) as read. seen: by the pictures."""
     has_clock = (
@@ -78,7 +77,7 @@ def interpretations(
         and np.isfinite(index.timestamps_s).any()
     )
     if has_clock:
-        clocks = of_other_clocks(index, trajectory, config, seen.thinned(CLOCK_EDGES).misfit)
+        clocks = of_other_clocks(index, trajectory, seen.thinned(CLOCK_EDGES).misfit)
         yield from (one for one in clocks if _is_clock(one[1], T, seen))
     # the rotations of a table of angles are of no quaternion or matrix
     of_matrices = trajectory.T_vehicle_camera is None

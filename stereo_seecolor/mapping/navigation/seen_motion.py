@@ -70,18 +70,14 @@ class SeenMotion:
         return SeenMotion(edges, spans)
 
     def misfit(self, T_world_camera: Array) -> float:
-        """Compute how badly poses fit: between neighbors, and over spans, in their median lengths;
-        infinite for too few.
-        """
+        """How badly poses fit, in median lengths between neighbors and over spans; or infinite."""
         edges = self.edges[:: max(1, len(self.edges) // MOST_EDGES)]
         near = misfit(T_world_camera, edges)
         far = misfit(T_world_camera, self.spans) if self.spans else 0.0
         return near + (far if np.isfinite(far) else near)
 
     def cost(self, T_world_camera: Array) -> float:
-        """Compute how badly poses fit, by all relative poses and not only their median, outliers
-        with little weight.
-        """
+        """How badly poses fit by all relative poses, outliers with little weight."""
         off = np.concatenate([misfits(T_world_camera, edges) for edges in (self.edges, self.spans)])
         return float(np.log1p(off**2).mean())
 
@@ -106,9 +102,7 @@ class SeenMotion:
 def spans_of(
     own: Placement, order: Numbers, known: NDArray[np.bool_], steps: Sequence[int] = ()
 ) -> list[Edge]:
-    """Relative poses of frames so many steps apart on a track, or far apart; known: (N,) the frames
-    that count.
-    """
+    """Relative poses of frames some steps apart on a track; known: (N,) the frames that count."""
     spans = []
     for component in range(len(own.sizes)):
         frames = [int(i) for i in order if own.components[i] == component and known[i]]

@@ -53,8 +53,6 @@ def still(T_world_camera: Array, seen: SeenMotion, position_step_m: float) -> st
 
 
 def attitudes_equal(T_world_camera: Array) -> bool:
-    """Tell whether all known attitudes are the same to the digit, as no vehicle holds them: they
-    were not measured.
-    """
+    """Whether all known attitudes are equal to the digit: they were not measured."""
     R = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, :3]
     return len(R) > 1 and float(np.abs(R - R[0]).max()) < STILL_RAD

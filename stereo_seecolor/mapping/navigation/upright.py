@@ -1,6 +1,4 @@
-"""The upright direction of a track: checked where the poses know it, estimated from the bottom
-where they do not.
-"""
+"""The upright direction of a track: checked against the poses, or from the bottom."""
 
 from dataclasses import replace
 

@@ -30,15 +30,11 @@ class Reason(IntEnum):
     UNCERTAIN = 3
     """Ranges were measured there, too uncertain for a surface: at a grazing angle, or from afar."""
     DISAGREE = 4
-    """An image measured something there, and another one looks through it: it moved, or a range is
-    wrong.
-    """
+    """An image measured something there, and another looks through: it moved, or is wrong."""
 
 
 WIDEST_M = 1.0
-"""From a cell of a gap to known ones on at least three of its four sides: what is wider was not
-surveyed.
-"""
+"""From a gap's cell to known ones on three of four sides: what is wider was not surveyed."""
 SIDES = 3
 CLOSED = 0.5
 """Of the cells around: so many known ones close a cell, as the mosaic does."""

@@ -28,9 +28,7 @@ LOCAL_WKT = (
     'LOCAL_CS["local '
     'meters",UNIT["metre",1,AUTHORITY["EPSG","9001"]],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
 )
-"""Of a map without a place on Earth: programs that draw on it need a system that is in meters,
-whatever it is.
-"""
+"""Of a map without a place on Earth: programs that draw on it need a system in meters."""
 
 
 @dataclass(frozen=True, eq=False)

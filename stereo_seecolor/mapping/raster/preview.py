@@ -42,9 +42,7 @@ def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint
 
 
 def _view() -> NDArray[np.float64]:
-    """Rows: right, up and towards the viewer, who looks down from the south by the elevation,
-    turned by the azimuth.
-    """
+    """Rows: right, up, towards the viewer, who looks down from the south by the elevation."""
     a, e = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
     right = np.array([np.cos(a), np.sin(a), 0])
     viewer = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])

@@ -78,9 +78,7 @@ def write_preview(folder: Path, surfaces: Surfaces) -> Path:
 
 
 def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterator[Path]:
-    """Write the mosaic, reduced, and the metrics as a table; with the geo extra also GeoTIFFs, and
-    the cloud as LAZ.
-    """
+    """Write the mosaic, reduced, and the metrics; with the geo extra also GeoTIFFs and LAZ."""
     works: list[Callable[[], Path]] = [
         lambda: _write_image(folder / "orthomosaic_preview.png", _reduced(rasters.mosaic)),
         partial(_write_csv, folder / "reef_metrics.csv", rasters.squares, place),

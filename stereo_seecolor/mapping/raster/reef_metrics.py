@@ -151,9 +151,7 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
 
 
 def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Average the metrics of a site's squares (metrics, N), weighted by coverage, aspects as
-    directions: (metrics,).
-    """
+    """Average the metrics of a site's squares (metrics, N), weighted by coverage: (metrics,)."""
     values = np.asarray(squares, np.float64)
     known = np.isfinite(values[1])
     if not known.any():

@@ -84,9 +84,7 @@ def rugosity_hvar(edges_m: Heights, ranges_m: Heights) -> float:
 
 
 def mean_height_range(heights: Heights, parts: int) -> float:
-    """Mean of highest less lowest over parts x parts squares; squares of which less than half is
-    known do not count.
-    """
+    """Mean of highest less lowest over parts x parts squares of which half is known."""
     row, column = (np.arange(n) * parts // n for n in heights.shape)
     square = (row[:, None] * parts + column[None, :]).ravel()
     known = np.isfinite(heights).ravel()

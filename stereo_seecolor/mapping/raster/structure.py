@@ -43,9 +43,7 @@ squares; the rest averages out. It is larger of those by ranges of heights, to w
 than to slopes. As found on five synthetic reefs.
 """
 MIN_COVERAGE = 0.8
-"""A square counts if more than this fraction of it was seen: a hole hides heights and area
-alike.
-"""
+"""A square counts if more than this was seen: a hole hides heights and area alike."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +85,7 @@ class StructureAtScale:
     mapped: Numbers
 
     def with_calibration(self, std: float) -> "StructureAtScale":
-        """The same with the calibration's part in the one metric that is a length. std: of a
-        length, relative.
-        """
+        """The same with the calibration's part in the one length. std: of a length, relative."""
         own = self.standard_error
         of_range = float(np.hypot(own.height_range_m, std * self.mean.height_range_m))
         return replace(self, standard_error=replace(own, height_range_m=of_range))

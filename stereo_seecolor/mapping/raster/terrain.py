@@ -1,6 +1,4 @@
-"""The terrain: the height of the highest surface over each cell of a grid, its color, its standard
-error.
-"""
+"""The terrain: height of the highest surface over a grid's cells, color, standard error."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

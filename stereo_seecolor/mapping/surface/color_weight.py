@@ -1,6 +1,4 @@
-"""The weight of a view's color where several views are averaged, in the fused surface and in the
-mosaic alike.
-"""
+"""The weight of a view's color in an average, in the fused surface and the mosaic alike."""
 
 from typing import Any
 

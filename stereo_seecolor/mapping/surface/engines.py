@@ -11,9 +11,7 @@ from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 from stereo_seecolor.plugins import load
 
 FuseTile = Callable[[Tile, Tiling, Iterable[PlacedFrame], RectifiedPair], Surface]
-"""What an engine is: fuses a tile's frames, and returns the triangles of the tile's own blocks,
-without its rim.
-"""
+"""An engine: fuses a tile's frames to the triangles of its own blocks, without its rim."""
 
 
 def engine(name: str) -> FuseTile:

@@ -19,9 +19,7 @@ from stereo_seecolor.mapping.surface.marching_cubes import (
 from stereo_seecolor.mapping.surface.surface import Surface
 
 MIN_WEIGHT = 0.05
-"""A surface is kept where the weights add up to this: a standard error of some four voxels, seen
-once.
-"""
+"""A surface is kept from this sum of weights: a standard error of four voxels, seen once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +95,7 @@ class _Cubes:
         return cls(cases, numbers, counts)
 
     def triangles(self, own: NDArray[np.int64], around: NDArray[np.int32]) -> NDArray[np.int32]:
-        """List the points of each triangle, (T, 3); to be called once ``numbers`` holds the numbers
-        of the points.
-        """
+        """The points of each triangle, (T, 3), once ``numbers`` holds the points' numbers."""
         starts = _starts(self.counts)
         tables, found = (*cube_cases(), EDGES), (self.cases, self.numbers)
         indices = np.empty((self.counts.sum(), 3), np.int32)

@@ -36,9 +36,7 @@ class MeasuredPixels:
 
     @classmethod
     def room(cls, geometry: RectifiedPair) -> "MeasuredPixels":
-        """Allocate the buffers for images of this geometry; their content is undefined until
-        ``weigh`` is called.
-        """
+        """Allocate the buffers for images of this geometry; undefined until ``weigh`` is called."""
         width, height = geometry.image_size
         camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
         depth_m, weight, slant_factor = (np.empty((height, width), np.float32) for _ in range(3))

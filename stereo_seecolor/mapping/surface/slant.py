@@ -1,6 +1,4 @@
-"""The slant of measured surfaces: where one is seen at a grazing angle, the truncation along the
-ray is longer.
-"""
+"""The slant of measured surfaces: at grazing angles the truncation along the ray is longer."""
 
 from typing import Any
 

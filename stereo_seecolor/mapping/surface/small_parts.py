@@ -14,9 +14,7 @@ from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 MIN_ISLAND_M2 = 0.05
-"""Area, m^2, below which a surface that touches nothing else is not taken for the bottom: a sheet
-of paper.
-"""
+"""Area, m^2, below which a lone surface is not taken for the bottom: a sheet of paper."""
 BORDER_VOXELS = 0.5
 """Two tiles share points on the plane between them alone, which passes through corners of voxels;
 float32 moves them by less.
@@ -69,9 +67,7 @@ class _TileParts:
 
 
 def _kept(tiles: Iterable[_TileParts]) -> list[NDArray[np.bool_]]:
-    """For each tile, which of its connected parts are large enough to keep, with their continuation
-    in other tiles.
-    """
+    """For each tile, which of its connected parts, with those of other tiles, are large."""
     areas: list[NDArray[np.float64]] = []
     joined: list[tuple[int, int]] = []
     part_at_border: dict[bytes, int] = {}

@@ -119,9 +119,7 @@ class BundleProblem:
         return 0.5 * CAUCHY**2 * sum(robust) + 0.5 * sum(float(off @ off) for off in rest)
 
     def errors(self, state: State) -> Array:
-        """Compute residuals in standard errors, (n, 3), as large as if no point's position had been
-        fitted to them.
-        """
+        """Residuals in standard errors, (n, 3), as if no point had been fitted to them."""
         off, own = np.empty_like(self.seen), np.empty((len(self.seen), 3, 3))
 
         def weigh(one: _FrameSightings) -> None:
@@ -288,9 +286,7 @@ class BundleProblem:
 
     @cached_property
     def _own(self) -> Integers:
-        """(m,) the block of a point of which something is known, after those of the frames; -1 for
-        all others.
-        """
+        """(m,) the block of a point of which something is known, after the frames'; else -1."""
         own = np.full(len(self.start) - 1, -1)
         points = sorted({point for known in self.known for point in known.points})
         own[points] = np.arange(len(self.frames), len(self.frames) + len(points))

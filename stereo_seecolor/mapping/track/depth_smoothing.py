@@ -1,6 +1,4 @@
-"""Smoothed inverse depth around pixels, by fitted planes: a plane, however it is tilted, is not
-changed.
-"""
+"""Inverse depth smoothed by fitted planes: a plane, however it is tilted, is not changed."""
 
 from dataclasses import dataclass
 

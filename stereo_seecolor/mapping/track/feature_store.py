@@ -21,9 +21,7 @@ from stereo_seecolor.mapping.track.features import FEATURE_SETTINGS, Features
 from stereo_seecolor.version import __version__
 
 HELD = 64
-"""Frames whose features a process holds, some 0.4 MB each: neighbors are asked for again and
-again.
-"""
+"""Frames whose features a process holds, 0.4 MB each: neighbors are asked for repeatedly."""
 
 
 class FeatureStore(Lazy[Features]):
@@ -36,9 +34,7 @@ class FeatureStore(Lazy[Features]):
 
     @classmethod
     def of(cls, survey: Survey) -> "FeatureStore":
-        """Open the store of a survey's frames; features that an earlier run found in the same
-        frames are kept.
-        """
+        """The store of a survey's frames; features of an earlier run in them are kept."""
         index = survey.index
         if survey.scratch is None:
             return _Temporary([f"{number}.npz" for number in index.order.tolist()])
@@ -50,9 +46,7 @@ class FeatureStore(Lazy[Features]):
         return len(self._names)
 
     def item(self, number: int) -> Features:
-        """Read the features of the frame at a position. Raises FileNotFoundError where they were
-        not found yet.
-        """
+        """The features of the frame at a position. Raises FileNotFoundError if not found yet."""
         return _loaded(self._path(number))
 
     def has(self, number: int) -> bool:

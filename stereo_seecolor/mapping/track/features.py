@@ -71,9 +71,7 @@ class Features:
 def detect(
     frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = FEATURE_SETTINGS
 ) -> Features:
-    """SIFT (Lowe 2004) on the image of local contrast, kept where the range is measured and smooth
-    all around.
-    """
+    """SIFT (Lowe 2004) on local contrast, kept where the range is measured and smooth."""
     gray: NDArray[np.uint8] = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, settings.max_width_px / gray.shape[1])
     contrast = local_contrast(gray, scale)

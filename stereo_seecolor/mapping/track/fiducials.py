@@ -127,9 +127,7 @@ class Marks:
     def joined(
         self, observations: TrackObservations, frames: set[int]
     ) -> tuple[TrackObservations, list[Known]]:
-        """Observations, by frame, and those of the markers' corners in some frames; and what is
-        known of these.
-        """
+        """Observations by frame, with those of the markers' corners; and what is known of these."""
         own = [
             (frame, each)
             for frame in sorted(frames & self.observations.keys())

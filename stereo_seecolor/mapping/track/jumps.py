@@ -13,9 +13,7 @@ MIN_JUMP_M = 2.0
 MAX_SPEED_M_S, JUMP_SPEEDS = 3.0, 3.0
 """Speed, m/s, and multiple of the usual speed that a step must both exceed to be a jump."""
 JUMP_STEPS = 10.0
-"""Usual steps between frames that a step must exceed to be a jump, where times do not tell the
-speed.
-"""
+"""Usual steps that a jump exceeds, where times do not tell the speed."""
 
 
 def drop_spikes(T: NDArray[np.float64], index: FrameIndex, reasons: dict[int, str]) -> None:

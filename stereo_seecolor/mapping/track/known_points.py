@@ -41,9 +41,7 @@ class KnownLength:
 
 @dataclass(frozen=True, eq=False)
 class KnownPlace:
-    """The position of the mean of some points: (3,) meters in the world, with the standard error of
-    each axis.
-    """
+    """The position of the mean of some points: (3,) meters, with each axis's standard error."""
 
     points: tuple[int, ...]
     place_m: Array

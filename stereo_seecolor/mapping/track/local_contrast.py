@@ -1,6 +1,4 @@
-"""Local contrast of an image, which light that falls off, or that moves with the camera, hardly
-changes.
-"""
+"""Local contrast of an image, which falling-off or moving light hardly changes."""
 
 from dataclasses import dataclass
 
@@ -49,9 +47,7 @@ def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 
 
 def _filled(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """With what was painted black for want of a range filled in smoothly: its rim is not an edge on
-    the bottom.
-    """
+    """What was black for want of a range filled in smoothly: its rim is not an edge."""
     known = (gray > 0).astype(np.float32)
     filled = gray.astype(np.float32)
     for width in SETTINGS.fill_px:

@@ -89,9 +89,7 @@ def between_components(components: NDArray[np.int64]) -> Pairs:
 
 
 def lengths_m(T_world_camera: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Compute the length of the track up to each of its positions: (N,) meters. order: (N,) the
-    frame at each position.
-    """
+    """Length of the track up to each position: (N,) meters. order: (N,) frames by position."""
     centers = T_world_camera[order, :3, 3]
     placed = np.isfinite(centers).all(axis=1)
     steps = np.zeros(len(centers))

@@ -264,9 +264,7 @@ def _close_loops(
 def _sorted_loops(
     track: Track, guess: Guess, loops: Sequence[Edge]
 ) -> tuple[list[Edge], list[Edge]]:
-    """The plausible loops inside a component, and those that join two; loops of frames without a
-    pose are left out.
-    """
+    """The plausible loops inside a component, and those that join two components."""
     index = track.survey.index
     lengths_m = loop_closure.lengths_m(guess.T, index.order)
     inside, joins = [], []
@@ -282,9 +280,7 @@ def _sorted_loops(
 
 
 def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
-    """The edges of all candidates that were not tried yet; by appearance in round 0 only, which
-    poses do not change.
-    """
+    """The edges of candidates that were not tried yet; by appearance in round 0 only."""
     index, rank = track.survey.index, track.survey.index.rank
     alike = by_appearance(track.features, track.survey.compute) if number == 0 else []
     candidates = set(loop_closure.possible(alike, index, guess.T, guess.components))

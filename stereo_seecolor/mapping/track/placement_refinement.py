@@ -1,6 +1,4 @@
-"""Refinement of a placement by bundle adjustment: all points of its relative poses at once, instead
-of pair by pair.
-"""
+"""Refinement of a placement by bundle adjustment of all points of its relative poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,9 +41,7 @@ REFINEMENT_SETTINGS = RefinementSettings()
 
 
 class _Part(NamedTuple):
-    """A component of a track: its frames in the order of time, the edges between them, and what is
-    known of them.
-    """
+    """A component of a track: frames in the order of time, edges, and what is known."""
 
     track: Track
     frames: list[int]

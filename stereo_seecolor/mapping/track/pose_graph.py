@@ -1,6 +1,4 @@
-"""The pose graph of all relative poses, optimized by GTSAM's sparse solver with a kernel against
-false loops.
-"""
+"""The pose graph of all relative poses, by GTSAM's sparse solver with a robust kernel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,9 +110,7 @@ def _optimize(
 def _add_priors(
     gtsam: Any, graph: Any, first: int, T: NDArray[np.float64], priors: Sequence[Prior]
 ) -> None:
-    """What is known of the frames; without any, the first one stays where it is. T: (N, 4, 4) as
-    they are now.
-    """
+    """What is known of frames; without any, the first stays. T: (N, 4, 4) as they are now."""
     noise = gtsam.noiseModel
     for prior in priors:
         pose = gtsam.Pose3(prior.T_world_camera)

@@ -79,9 +79,7 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
-    """p_a = T_a_b p_b, with its covariance (6, 6) as an Edge has it; index_a, index_b: (n,)
-    features that agree.
-    """
+    """p_a = T_a_b p_b, with its covariance (6, 6); index_a, index_b: (n,) agreeing features."""
 
     T_a_b: Array
     covariance: Array

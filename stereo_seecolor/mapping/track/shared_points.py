@@ -1,6 +1,4 @@
-"""Points that several frames share: features that relative poses match, joined to one point where
-they are the same.
-"""
+"""Points that several frames share: matched features joined where they are the same."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

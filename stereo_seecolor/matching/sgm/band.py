@@ -1,6 +1,4 @@
-"""The bands of disparities to search: for each tile, around the disparities of a coarse match of
-the same pair.
-"""
+"""The bands of disparities to search: for each tile, around those of a coarse match."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,15 +17,11 @@ FAR = 0xFF
 P1_SHIFT = 2
 """P1 is P2 >> P1_SHIFT, a quarter of it: a low P2, at image edges, also means a low P1."""
 WINDOW = 2 * LANES
-"""Pixels of the right image that a row of a tile is compared with for LANES disparities, rounded
-up.
-"""
+"""Pixels of the right image that a tile's row is compared with for LANES disparities."""
 
 
 MARGIN_PX = 4
-"""Margin of a band around the disparities of the coarse match: one pixel of the coarse image, in
-pixels of the full one.
-"""
+"""Margin of a band around coarse disparities: a coarse pixel, in pixels of the full image."""
 WIDENING = LANES
 """Disparities by which a band that proved too narrow is widened, on both sides."""
 
@@ -87,9 +81,7 @@ def _whole_lanes(count: Any) -> NDArray[np.int32]:
 
 
 def _extremes(coarse: Map, tiles: tuple[int, int], side: int) -> tuple[Map, Map]:
-    """Least and largest disparity of each tile of side x side coarse pixels; +inf and -inf where
-    there is none.
-    """
+    """Least and largest disparity of each tile of side x side coarse pixels; +-inf for none."""
     padded = np.full((tiles[0] * side, tiles[1] * side), np.nan, np.float32)
     padded[: coarse.shape[0], : coarse.shape[1]] = coarse
     of_tiles = [padded[row::side, column::side] for row in range(side) for column in range(side)]

@@ -1,6 +1,4 @@
-"""Penalties of semi-global matching: the cost of a change of disparity from one pixel of a path to
-the next.
-"""
+"""Penalties of semi-global matching: the cost of a change of disparity along a path."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,6 +1,4 @@
-"""Semi-global search of a pair: at reduced size over all disparities, then at full size in bands
-around the result.
-"""
+"""Semi-global search of a pair: all disparities at reduced size, then bands at full size."""
 
 from dataclasses import dataclass, replace
 
@@ -86,9 +84,7 @@ def bands(coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest:
 
 
 def is_first_run() -> bool:
-    """Whether the compiled search, which takes longest to compile, is not on disk yet and can be
-    written there.
-    """
+    """Whether the compiled search, the slowest to compile, is not yet on disk but can be."""
     return match_rows.missing
 
 

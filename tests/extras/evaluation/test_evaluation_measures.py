@@ -37,7 +37,7 @@ def test_without_scikit_image_the_line_that_installs_it_is_given(
     monkeypatch.setitem(sys.modules, "skimage.color", None)
     with pytest.raises(
         DeviceError,
-        match=r"color differences need scikit-image .*: pip install "
+        match=r"CIEDE2000 needs .*skimage.*: pip install "
         r"'stereo-seecolor\[evaluation\]'$",
     ):
         measures.ciede2000(SHARMA[:, :3], SHARMA[:, 3:6])

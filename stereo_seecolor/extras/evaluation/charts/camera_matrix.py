@@ -29,9 +29,7 @@ class MatrixSettings:
     print_error: float = 0.03
     """Standard error of a patch's color, fraction of its brightest channel: print, fading, tilt."""
     least_error: float = 0.01
-    """Least standard error of a patch's color, fraction of white: gloss, and light from neighboring
-    patches.
-    """
+    """Least standard error of a patch's color, fraction of white: gloss, light from neighbors."""
     backscatter_error: float = 0.1
     """Fraction by which the fitted backscatter is off (docs/lab/color.md: 10 to 25 % in haze)."""
     entry: float = 1.0
@@ -40,9 +38,7 @@ class MatrixSettings:
     channels.
     """
     most_noise: float = 3.0
-    """Norm of a row, by which it multiplies noise: a row with a larger one is moved towards the
-    identity.
-    """
+    """Norm of a row, by which it multiplies noise: a larger one is moved towards the identity."""
     covered: float = 2.0
     """Misfit at which a patch weighs half, in median misfits: part of a chart may be covered."""
     reweightings: int = 12
@@ -166,9 +162,7 @@ def _left_out(color: Array, published: Array, error: Array) -> Array:
 
 
 def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, int]:
-    """Mean color, published color (P, 3) and error (P,) of each patch of each kind of chart; and
-    how many are not gray.
-    """
+    """Mean color, published color (P, 3) and error (P,) of each patch; how many are not gray."""
     found, colored = [], 0
     for name in dict.fromkeys(chart.type.name for chart in charts):
         of = [chart for chart in charts if chart.type.name == name]

@@ -1,6 +1,4 @@
-"""Finds color charts in an image: whole and partly visible ones by their patches, small ones by
-matched filters.
-"""
+"""Finds color charts: large and partly visible ones by their patches, small ones by filters."""
 
 import numpy as np
 

@@ -14,9 +14,7 @@ from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Map
 
 MOST_CLIPPED = 0.1
-"""Largest fraction of a patch's pixels that may be clipped: with more, its mean is not that of the
-light.
-"""
+"""Largest fraction of clipped pixels of a patch: with more, its mean is not that of the light."""
 
 
 @dataclass(frozen=True, eq=False)

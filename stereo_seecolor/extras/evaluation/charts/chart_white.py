@@ -43,13 +43,9 @@ class WhiteSettings:
     backscatter are multiplied.
     """
     least_relief: float = 0.1
-    """Least difference of the farthest and the nearest target's range, fraction of their mean, for
-    a trend with range.
-    """
+    """Least difference of the targets' ranges, fraction of their mean, for a trend with range."""
     likely: float = 3.0
-    """Standard errors by which the white of something found, which looks like a card, may differ
-    from the fitted one.
-    """
+    """Standard errors by which the white of a supposed card may differ from the fitted one."""
 
 
 SETTINGS = WhiteSettings()
@@ -234,9 +230,7 @@ class ChartWhite:
 
 
 def _patches(patches: Sequence[ChartPatch], type: ChartType, water: Water) -> SeenPatches | None:
-    """Patches of a chart relative to its own brightness, which its grays give; None where no gray
-    can be used.
-    """
+    """Patches of a chart relative to its brightness by its grays; None without usable grays."""
     light = np.stack([patch.light for patch in patches]) / water.white
     haze = np.stack([patch.haze for patch in patches]) / water.white
     published = decode_srgb(type.srgb)

@@ -1,6 +1,4 @@
-"""Finds small flat regions with straight outlines in an image, as the patches of a color chart
-are.
-"""
+"""Finds small flat regions with straight outlines, as the patches of a color chart are."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,9 +17,7 @@ class PatchLimits:
     """Limits of a patch, in pixels of an image that is halved until its patches are small."""
 
     octaves: int = 6
-    """Sizes of the image, from twice its size, each half of the one before: patches of 4 to 200
-    pixels.
-    """
+    """Sizes of the image, from twice its size, each half the last: patches of 4 to 200 pixels."""
     window_px: int = 25
     """Window in which edges are compared: a patch and its neighbors."""
     flat: float = 0.6

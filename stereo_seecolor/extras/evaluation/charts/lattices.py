@@ -23,21 +23,15 @@ class LatticeLimits:
     """Nearest patches that are tried as neighbors."""
     nearest: float = 0.9
     farthest: float = 2.2
-    """Distance of neighbors over the side of a patch: a gap as wide as the patch, and tilts of 50
-    degrees.
-    """
+    """Distance of neighbors over a patch's side: a gap as wide as it, and tilts of 50 degrees."""
     least_angle_deg: float = 50.0
     """Least angle between rows and columns."""
     likeness: float = 0.6
     """Least ratio of the sides of two neighbors."""
     tolerance: float = 0.17
-    """Distance of a patch from its place in the grid, as a fraction of the shorter of the grid's
-    two steps.
-    """
+    """Distance of a patch from its place in the grid, fraction of the grid's shorter step."""
     least_support: int = 3
-    """Patches that continue the grid of a first patch and two of its neighbors, at least: as two
-    rows have.
-    """
+    """Least patches that continue the grid of a first patch and two neighbors: as two rows have."""
     most_seeds: int = 60
     """Places of an image that are tried."""
     least_cells: int = 6
@@ -104,9 +98,7 @@ def _seeds(patches: FlatPatches, tree: KDTree) -> list[tuple[int, int, int]]:
 def _corners(
     patches: FlatPatches, tree: KDTree
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Every patch with two of its neighbors in about perpendicular directions, the second clockwise
-    of the first.
-    """
+    """Every patch with two neighbors in about perpendicular directions, the second clockwise."""
     count = len(patches.sides)
     found: Any = tree.query(patches.centers, k=min(LIMITS.neighbors + 1, count))
     distance, near = found[0][:, 1:], found[1][:, 1:]
@@ -163,9 +155,7 @@ def _grown(
 
 
 def onto_pixels(cells: NDArray[np.number], pixels: Array) -> Array:
-    """(3, 3) homography from a grid to the image, by least squares; affine where points are few or
-    in one line.
-    """
+    """(3, 3) homography from a grid to the image, by least squares; affine for few points."""
     cells = np.asarray(cells, np.float64)
     if len(cells) >= LIMITS.homography_from and (np.ptp(cells, axis=0) >= 2).all():
         fitted = cv2.findHomography(cells, pixels)[0]

@@ -46,13 +46,9 @@ class PlaceLimits:
     least_green: float = 0.4
     """Correlation in green alone below which no place is examined."""
     candidates: int = 30
-    """Places of the green channel's best correlation that are examined in all channels, for each
-    size and kind of chart.
-    """
+    """Places of green's best correlation that are examined in all channels, for each chart."""
     most_places: float = 0.03
-    """Fraction of a picture, the most colorful, about which charts are looked for: bounds the time
-    of colorful scenes.
-    """
+    """Fraction of a picture, the most colorful, in which charts are looked for: bounds time."""
     batch: int = 8192
     """Places at a time: they take 15 MB."""
 
@@ -64,9 +60,8 @@ _SIDE = 15
 
 @dataclass(frozen=True)
 class ChartPlace:
-    """Middle, width and angle of what may be a chart. score: correlation of its green channel."""
+    """Middle, width and angle of what may be a chart."""
 
-    score: float
     x_px: float
     y_px: float
     width_px: float
@@ -91,19 +86,12 @@ def chart_places(
         for type, (scores, angles) in zip(types, windows.best_angles(matched), strict=True):
             for best in _apart(scores, middles, 0.3 * size_px):
                 x_px, y_px = middles[best].tolist()
-                yield (
-                    type,
-                    ChartPlace(
-                        float(scores[best]), x_px, y_px, size_px, LIMITS.angles_deg[angles[best]]
-                    ),
-                )
+                yield type, ChartPlace(x_px, y_px, size_px, LIMITS.angles_deg[angles[best]])
         size_px *= LIMITS.size_step
 
 
 def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
-    """(H, W) True where the middle of a chart of this width may lie, since two channels of its
-    surroundings differ.
-    """
+    """(H, W) True where a chart of this width may lie, since two channels around differ."""
     width = max(3, round(LIMITS.window * size_px))
 
     def mean(values: Floats) -> Floats:

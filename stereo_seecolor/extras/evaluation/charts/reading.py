@@ -43,9 +43,7 @@ class ReadingLimits:
     of red that is absorbed. The two of most contrast may spread by less, through haze.
     """
     first_look: float = 0.6
-    """Mean correlation of the grid's patches with a place in a chart that is looked at more
-    closely.
-    """
+    """Mean correlation of the grid's patches with a place in a chart that is examined closer."""
     fits: float = 0.5
     """Root mean square misfit of a patch, of the spread of all patches, that is not covered by
     something else.
@@ -63,9 +61,7 @@ class ReadingLimits:
     least_part: float = 0.5
     """Fraction of the patches in the image that must be seen and fit."""
     most_beyond: float = 0.25
-    """Largest fraction of the grid's patches outside of the chart: with more, it is another
-    pattern.
-    """
+    """Largest fraction of the grid's patches outside of the chart: more is another pattern."""
 
 
 LIMITS = ReadingLimits()
@@ -227,9 +223,7 @@ def _differences(values: Array) -> Array:
 
 
 def _middles(picture: Floats, onto: Array, units: Array) -> Array:
-    """(N, 25, 3) pixels over the middles of patches, NaN outside of the image. onto: (3, 3) from
-    units to pixels.
-    """
+    """(N, 25, 3) pixels over the middles of patches, NaN outside. onto: (3, 3) to pixels."""
     offsets = np.linspace(-LIMITS.inner, LIMITS.inner, 5)
     points = units[:, None] + np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
     return sampled(picture, moved(onto, np.asarray(points, np.float64)))

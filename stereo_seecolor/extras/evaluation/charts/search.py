@@ -1,6 +1,4 @@
-"""Color charts in the frames of a run: their patches before and after correction, compared with the
-published colors.
-"""
+"""Color charts in the frames of a run: their patches before and after correction."""
 
 from collections.abc import Iterator, Sequence
 
@@ -27,9 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:
-    """Search all frames for color charts, compare views of the same spots, and keep both results
-    for the page.
-    """
+    """Search all frames for color charts, compare views of the same spots, and keep both."""
     found: list[ShownChart] = []
     listener.begin("charts", len(run.frames))
     for frame, charts in zip(run.frames, find_all(FrameFiles.of(run), run.frames), strict=True):
@@ -45,9 +41,7 @@ def look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> 
 def find_all(
     files: FrameFiles, frames: Sequence[FinishedFrame]
 ) -> Iterator[tuple[ShownChart, ...]]:
-    """The charts of each frame, searched on all cores; two seconds of processor time for a frame of
-    1.4 megapixels.
-    """
+    """The charts of each frame, on all cores; two seconds for a frame of 1.4 megapixels."""
 
     def of(frame: FinishedFrame) -> tuple[ShownChart, ...]:
         try:
@@ -59,9 +53,7 @@ def find_all(
 
 
 def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[ShownChart, ...]:
-    """The charts in a frame's corrected image, with their colors before correction where the input
-    image is there.
-    """
+    """The charts in a frame's corrected image, with their colors before where it is there."""
     corrected = eight_bit(frame.read("corrected"))
     found = find_charts(corrected)
     try:

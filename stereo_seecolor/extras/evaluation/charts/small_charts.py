@@ -51,9 +51,7 @@ class SearchLimits:
     refined: int = 45
     """... and of those of all places, so many are refined ..."""
     least_start: float = 0.5
-    """... if they agree so well: charts that are found did by 0.57 and more, the best of a reef's
-    places by 0.53.
-    """
+    """... if they agree so well: charts did by 0.57 and more, places of a reef by 0.53."""
     climb: int = 10
     """Steps of these, all together ..."""
     least_climbed: float = 0.75
@@ -88,9 +86,7 @@ def small_charts(picture: Floats, types: Sequence[ChartType]) -> Iterator[FoundC
 
 
 def _at(picture: Floats, type: ChartType, places: Sequence[ChartPlace]) -> Iterator[FoundChart]:
-    """The charts of a type at these places: the best initial outlines are improved in steps, then
-    refined and judged.
-    """
+    """The charts of a type at these places: the best outlines are refined and judged."""
     units = _sample_points(type)
     reference = sampled(type.template, type.template_pixels(units)[None])[0]
 
@@ -134,9 +130,7 @@ def _best_starts(type: ChartType, places: Sequence[ChartPlace], agreement: Agree
 
 
 def _starts(type: ChartType, place: ChartPlace) -> Affine:
-    """(K, 2, 3) initial outlines of a refinement: rotated, wider, less high and shifted from the
-    place that was found.
-    """
+    """(K, 2, 3) initial outlines of a refinement, about the place that was found."""
     choices = product(LIMITS.tilts_deg, LIMITS.widths, LIMITS.heights, LIMITS.shifts, LIMITS.shifts)
     tilt_deg, width, height, x, y = np.array(list(choices)).T
     angle = np.radians(place.angle_deg + tilt_deg)

@@ -1,6 +1,4 @@
-"""Targets of known color in an image: charts, found or given by their corners, and white objects in
-given polygons.
-"""
+"""Targets of known color: charts, found or given by corners, and given white polygons."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,9 +27,7 @@ _INNER = 0.25
 CHARTS = {"chart": CLASSIC, "dkk": DKK, "spyder": SPYDER}
 """Kind of a target in a file of targets -> type of chart."""
 SPOT = 0.01
-"""Edge of a spot that a user names, as a fraction of the image's width: some centimeters on a
-reef.
-"""
+"""Edge of a spot that a user names, fraction of the image's width: centimeters on a reef."""
 SPOTS = {"white": ((1.0, 1.0, 1.0), 0.025), "sand": ((1.17, 1.0, 0.77), 0.03)}
 """Kind of a spot -> its reflectance, and the standard error of the logarithms of its color: a guess
 of white plates that have lain in the sea; of carbonate sand, red over green 1.1 to 1.2 and blue
@@ -94,9 +90,7 @@ def found_chart(name: str, detected: FoundChart, shape: tuple[int, ...]) -> Targ
 
 
 def neutral(name: str, polygon: NDArray[np.floating], image: Image, range_m: Map) -> Target:
-    """White pixels in a polygon (K, 2): brighter than Otsu's threshold, not at full scale, with a
-    known range.
-    """
+    """White pixels in a polygon (K, 2): above Otsu's threshold, not clipped, with a known range."""
     inside = _filled(polygon, image.shape[:2])
     gray: NDArray[np.uint8 | np.uint16] = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     if not inside.any():

@@ -33,13 +33,9 @@ class CardLimits:
     cards of 15 to 300 pixels.
     """
     least_fill: float = 0.85
-    """Least fraction of its convex hull that is flat, and of the hull that its four corners
-    fill.
-    """
+    """Least fraction of its convex hull that is flat, and of the hull that four corners fill."""
     corner: float = 0.06
-    """Largest distance of the hull from its four corners' outline, as a fraction of the hull's
-    length.
-    """
+    """Largest distance of the hull from its four corners' outline, fraction of its length."""
     least_side_px: float = 12.0
     most_stretch: float = 3.5
     """Long over short side: A4, tilted by 65 degrees."""
@@ -48,9 +44,7 @@ class CardLimits:
     least_corner_sine: float = 0.66
     """Least sine of the angle between sides that meet: a card tilted by 45 degrees."""
     reach: tuple[float, float] = (0.22, 0.055)
-    """Distance from its expected place within which a side is searched for, in each of two
-    rounds.
-    """
+    """Distance from its expected place within which a side is sought, in each of two rounds."""
     samples: int = 32
     """Profiles along a side."""
     step: float = 0.15

@@ -1,3 +1,1 @@
-"""Work on the processes of a Dask cluster: of this machine, of a scheduler that runs, or of jobs of
-a batch system.
-"""
+"""Work on the processes of a Dask cluster: this machine's, a scheduler's, or batch jobs."""

@@ -1,6 +1,4 @@
-"""Asks a batch system for the state of the jobs that workers run in, the reasons, and their
-logs.
-"""
+"""Asks a batch system for the state of its jobs, the reasons, and their logs."""
 
 import subprocess
 from dataclasses import dataclass
@@ -29,9 +27,7 @@ class BatchJobs:
         ]
 
     def states(self) -> dict[str, str]:
-        """Number -> state and reason of the jobs in the queue. Raises OSError where the queue
-        cannot be asked.
-        """
+        """Number -> state and reason of queued jobs. Raises OSError where that cannot be asked."""
         numbers = self.numbers
         if self.kind != "slurm" or not numbers:
             return {}

@@ -1,6 +1,4 @@
-"""Cuts items into batches: large enough to take about a minute, and small enough that all workers
-have some.
-"""
+"""Cuts items into batches of about a minute, small enough that all workers have some."""
 
 from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass
@@ -15,21 +13,15 @@ class BatchSettings:
     """Settings of the size of a batch."""
 
     target_s: float = 60.0
-    """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more
-    than this.
-    """
+    """Seconds of a batch: a scheduler spends 10 ms on it, and a lost worker costs no more."""
     least_s: float = 5.0
     """Seconds of work a batch at least, while all workers have some: of shorter ones the scheduler
     cannot send enough to 200.
     """
     rounds: int = 4
-    """Batches a worker at least, where there are enough items, so that none idles long at the
-    end.
-    """
+    """Least batches a worker, where there are enough items, so that none idles at the end."""
     tail_s: float = 0.5
-    """Seconds of work of the last batches of a pass: shorter ones save no noticeable time, and each
-    costs 10 ms.
-    """
+    """Seconds of a pass's last batches: shorter ones save little, and each costs 10 ms."""
     most: int = 1000
     """Items a batch: their results are in memory together."""
 

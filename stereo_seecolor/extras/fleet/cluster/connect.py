@@ -1,6 +1,4 @@
-"""Connects to a cluster by its name on the command line: ``local:4``, ``tcp://host:8786``,
-``slurm:cluster.yaml``.
-"""
+"""Connects to a cluster by its name: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
 import gc
 import glob
@@ -12,12 +10,12 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.errors import ClusterError, library_for
 from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.extras.fleet.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.extras.fleet.cluster.local_workers import CAN_FORK, Orders, starter
@@ -58,13 +56,9 @@ ADAPT_S, IDLE_LOOKS = "10s", 6
 idle before it ends.
 """
 SCRATCH = f"stereo-seecolor-{platform.node()}-"
-"""Beginning of the name of local workers' folder, among temporary files; the client's process
-number follows.
-"""
+"""Begins the name of local workers' temporary folder; the client's process number follows."""
 MARK = ".scratch-of-stereo-seecolor-workers"
-"""A file in each folder that this program made for workers: others with such a name are not
-deleted.
-"""
+"""A file in each folder made for workers: others with such a name are not deleted."""
 MEMORY_FRACTION = 0.95
 """Fraction of the machine's memory that its workers together may take."""
 
@@ -77,12 +71,8 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
     Raises ClusterError for an unknown name, or where the cluster cannot be reached.
     """
     opener = _opener(name)
-    try:
+    with library_for(f"--cluster {name}", "cluster", ClusterError):
         from distributed import Client
-    except ImportError as error:
-        raise ClusterError(
-            f"--cluster {name}: needs Dask: pip install 'stereo-seecolor[cluster]'"
-        ) from error
     import dask
 
     from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
@@ -129,7 +119,7 @@ def _opener(name: str) -> Callable[[], Any]:
     if kind == "local" and re.fullmatch(r"[1-9]\d*", rest):
         return lambda: _local(int(rest))
     if kind in ("tcp", "tls", "ucx") and re.fullmatch(r"//[^/]+:\d+", rest):
-        return lambda: _running(name)
+        return lambda: nullcontext(OpenedCluster(name))
     if kind in JOB_CLASSES and rest:
         return lambda: _jobs(kind, Path(rest))
     raise ClusterError(f"--cluster {name}: is not a cluster: give {FORMS}")
@@ -174,9 +164,7 @@ def remove_abandoned() -> None:
 
 
 def _scheduler(workers: int, scratch: str, keys: Any) -> Any:
-    """A scheduler in this process, with ``workers`` workers started by Dask, which serve those
-    alone who have the keys.
-    """
+    """A scheduler in this process, with ``workers`` workers that only key holders can use."""
     from distributed import LocalCluster
 
     return LocalCluster(  # type: ignore[no-untyped-call]
@@ -201,22 +189,13 @@ def _memory_bytes() -> int:
 
 
 @contextmanager
-def _running(address: str) -> Iterator[OpenedCluster]:
-    yield OpenedCluster(address)
-
-
-@contextmanager
 def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
     """Jobs of a batch system, each with a worker."""
     from stereo_seecolor.extras.fleet.cluster.job_file import JobFile
 
     content = JobFile.read(file)
-    try:
+    with library_for(f"--cluster {kind}:{file}", "cluster", ClusterError):
         import dask_jobqueue
-    except ImportError as error:
-        raise ClusterError(
-            f"{kind}:{file}: needs dask-jobqueue: pip install 'stereo-seecolor[cluster]'"
-        ) from error
     with _key_folder(Path(content.log_directory)) as folder, ExitStack() as ends:
         arguments = {
             **content.arguments(),
@@ -267,9 +246,7 @@ def _hushed(*loggers: str) -> Iterator[None]:
 
 
 def _submit(started: Any, content: "JobFile", name: str) -> None:
-    """Submit the first jobs, and, for adaptive files, more as there is work. Raises ClusterError
-    where one is refused.
-    """
+    """Submit the first jobs, and of adaptive files more with the work. Raises ClusterError."""
     from distributed.core import Status
 
     async def submitted() -> None:

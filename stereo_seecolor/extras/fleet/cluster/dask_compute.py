@@ -1,6 +1,4 @@
-"""The ``Compute`` of a Dask cluster: batches of items are sent to workers, and results returned in
-the items' order.
-"""
+"""The ``Compute`` of a Dask cluster: batches go to workers, results come in items' order."""
 
 import logging
 import pickle
@@ -31,9 +29,7 @@ AHEAD = 2
 LOOK_S = 0.5
 """Seconds between two requests to the scheduler for the number of workers."""
 REVIVE_S = 15.0
-"""Seconds between two checks that all workers are connected: on a busy machine a worker takes
-several to start.
-"""
+"""Seconds between checks that all workers are connected: a busy machine starts one in several."""
 
 UNKNOWN_NAME = "Can't get attribute"
 """Beginning of pickle's message for a name that a module of another version lacks."""

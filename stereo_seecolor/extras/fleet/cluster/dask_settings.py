@@ -19,6 +19,4 @@ DASK_SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.monitor-interval": "500ms",
     **NO_PAGES,
 }
-"""Dask's monitoring, by default many times a second in each process, takes a twentieth of a core:
-here it is infrequent.
-"""
+"""Dask's monitoring takes a twentieth of a core by default: here it is infrequent."""

@@ -25,9 +25,7 @@ class Adaptive(BaseModel):
 
 
 class JobFile(BaseModel):
-    """Jobs, each with one worker. All other keys (queue, walltime, interface, ...) are passed to
-    dask-jobqueue.
-    """
+    """Jobs, each with one worker. Other keys (queue, walltime, ...) are passed to dask-jobqueue."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 

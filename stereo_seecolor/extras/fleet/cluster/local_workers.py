@@ -61,9 +61,7 @@ class Orders:
 
 @contextmanager
 def starter() -> Iterator[Callable[[Orders], None]]:
-    """A function that starts workers, which run until the block ends. Raises OSError where no
-    process can be started.
-    """
+    """A function that starts workers until the block ends. Raises OSError where it cannot."""
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
     orders, end = _forked() if _one_thread() else _started_anew()

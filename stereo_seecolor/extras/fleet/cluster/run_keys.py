@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.errors import ClusterError, library_for
 
 NO_PAGES: dict[str, Any] = {
     "distributed.scheduler.http.routes": [],
@@ -26,12 +26,8 @@ def run_keys(name: str) -> Any:
     """
     from distributed.security import Security
 
-    try:
+    with library_for(f"--cluster {name}", "cluster", ClusterError):  # cryptography
         return Security.temporary()  # type: ignore[no-untyped-call]
-    except ImportError as error:
-        raise ClusterError(
-            f"--cluster {name}: needs cryptography: pip install 'stereo-seecolor[cluster]'"
-        ) from error
 
 
 def workers_part(keys: Any) -> dict[str, str]:

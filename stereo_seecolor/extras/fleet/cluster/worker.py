@@ -27,9 +27,7 @@ at once, some 50 MB each.
 
 @dataclass(frozen=True)
 class SharedFile:
-    """A file of the shared folder, which others may be able to write; sha256: of the content that
-    the client put there.
-    """
+    """A file of the shared folder, writable by others; sha256: of the client's content."""
 
     path: Path
     sha256: bytes
@@ -81,9 +79,7 @@ class Done:
 
 
 def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
-    """Do the pickled ``work`` on all pickled items. Raises ClusterError where this process cannot,
-    and as ``work``.
-    """
+    """Do the pickled ``work`` on all pickled items. Raises ClusterError, and as ``work``."""
     admit(ticket)
     start, do = time.perf_counter(), _unpickled(work)
     try:
@@ -110,9 +106,7 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
 
 
 def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
-    """``do_batch`` for work that fills the memory: one batch at a time in this process, with all
-    threads of the worker.
-    """
+    """``do_batch`` for work that fills the memory: one batch at a time, with all threads."""
     from distributed import get_worker
 
     with _whole_worker:

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.comparing.changed_patches import ChangedPatch
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
 
 Picture = NDArray[np.uint8]
@@ -82,9 +81,8 @@ def _outline(image: Picture, change: SiteChange, heights_too: bool) -> None:
     for patch in change.patches:
         if (patch.kind in ("growth", "loss")) != heights_too:
             continue
-        mask = cv2.resize(
-            _mask(change, patch), None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST
-        )
+        mask = change.masks[patch.number - 1].astype(np.uint8)
+        mask = cv2.resize(mask, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
         contours, _ = cv2.findContours(
             mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(4, TITLE_PX)
         )
@@ -100,7 +98,3 @@ def _outline(image: Picture, change: SiteChange, heights_too: bool) -> None:
             1,
             cv2.LINE_AA,
         )
-
-
-def _mask(change: SiteChange, patch: ChangedPatch) -> Picture:
-    return np.asarray((change.masks[patch.number - 1]).astype(np.uint8))

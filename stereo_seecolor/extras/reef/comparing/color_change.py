@@ -19,9 +19,7 @@ REACH_CELLS = 8
 
 
 NORMAL_80 = 1.281552
-"""Two-sided 80 % of a normal distribution, in standard deviations: up to a sixth of the ground may
-have changed.
-"""
+"""Two-sided 80 % of a normal distribution: up to a sixth of the ground may have changed."""
 
 
 @dataclass(frozen=True)

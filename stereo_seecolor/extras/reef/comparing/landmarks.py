@@ -1,6 +1,4 @@
-"""Landmarks of a site: features of its colors as seen from above, each with its place in three
-dimensions.
-"""
+"""Landmarks of a site: features of its colors from above, each with its place in 3D."""
 
 from dataclasses import dataclass
 

@@ -36,9 +36,7 @@ SETTINGS = M3c2Settings()
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDistances:
-    """distance_m, lod_m: (N,) at core points, positive where b lies outside of a; NaN where a
-    cylinder is too empty.
-    """
+    """distance_m, lod_m: (N,) at core points, positive where b lies outside of a; or NaN."""
 
     distance_m: Array
     lod_m: Array

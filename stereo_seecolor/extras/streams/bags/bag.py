@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags import sqlite_file
 from stereo_seecolor.extras.streams.bags.decompression import ZSTD_MAGIC, decompress
 from stereo_seecolor.extras.streams.bags.foxglove import (
@@ -78,9 +78,7 @@ INDEXED = frozenset({*IMAGES, *VIDEOS, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
 
 THINNED = frozenset({IMU, PRESSURE})
 THINNED_NS = 20_000_000
-"""Of sensors that send hundreds of messages a second one in 20 ms is kept: a vehicle turns little
-in that time.
-"""
+"""Of fast sensors one message in 20 ms is kept: a vehicle turns little in that time."""
 
 HEAD_BYTES = 32
 CACHED_CHUNKS = 4
@@ -206,9 +204,7 @@ def _topic(name: str, msgtype: str, gathered: _Gathered) -> Topic:
 
 
 def payload(path: Path, place: Place) -> bytes:
-    """A message's bytes. Raises InputError if they cannot be read any more; DeviceError if a
-    library is missing.
-    """
+    """A message's bytes. Raises InputError if they cannot be read, DeviceError."""
     try:
         if path.suffix.lower() == ".db3":
             content = sqlite_file.read(path, place.start)
@@ -308,11 +304,3 @@ def _bag_files(folder: Path) -> Iterator[Path]:
 
 def _is_named_bag(name: str) -> bool:
     return Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")
-
-
-def needs_library() -> DeviceError:
-    """The message where rosbags is missing."""
-    return DeviceError(
-        "messages of bags need a library that is missing (rosbags): pip install -c "
-        "constraints.txt '.[bags]'"
-    )

@@ -12,7 +12,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED_IMAGES, VIDEOS, Bag, Entry, Topic
 from stereo_seecolor.extras.streams.bags.coded_units import Coded, Units, codec_of
 from stereo_seecolor.extras.streams.bags.messages import coding, decode
-from stereo_seecolor.files.camera_images import MAX_PIXELS
+from stereo_seecolor.files.image_headers import MAX_PIXELS
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.video_file import NEAR_FRAMES, RecentFrames
 from stereo_seecolor.inputs.video_frames import pixels

@@ -3,7 +3,7 @@
 import bz2
 from typing import Any
 
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import DeviceError, library_for
 from stereo_seecolor.extras.streams.bags.source import Chunk, Cut
 
 MAX_CHUNK_BYTES = 1 << 29
@@ -16,9 +16,7 @@ PLAIN = ("", "none")
 
 
 def decompress(content: bytes, chunk: Chunk) -> bytes:
-    """The content of a chunk; of one that was cut short, as much as it holds. Raises Cut if it is
-    damaged, DeviceError.
-    """
+    """The content of a chunk, as far as it is there. Raises Cut if damaged, DeviceError."""
     if chunk.plain_size > MAX_CHUNK_BYTES:
         raise Cut(f"claims a chunk of {chunk.plain_size / 1e6:.0f} MB at byte {chunk.start}")
     try:
@@ -34,7 +32,7 @@ def decompressor(compression: str) -> Any:
     """Choose the function that decompresses one chunk. Raises Cut for an unknown compression,
     DeviceError if its library is missing.
     """
-    try:
+    with library_for("a bag", "bags"):
         if compression == "bz2":
             return bz2.BZ2Decompressor()
         if compression == "lz4":
@@ -45,11 +43,6 @@ def decompressor(compression: str) -> Any:
             from zstandard import ZstdDecompressor
 
             return _Zstd(ZstdDecompressor())
-    except ImportError as error:
-        raise DeviceError(
-            f"bags need a library that is missing ({error.name}): pip install -c constraints.txt "
-            "'.[bags]'"
-        ) from error
     raise Cut(f"uses the compression {compression!r}, which is not supported")
 
 

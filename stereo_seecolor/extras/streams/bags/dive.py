@@ -1,6 +1,4 @@
-"""A bag as a dive: its images as files inside it, paired by the stamps of their headers, and its
-camera_info as the rig.
-"""
+"""A bag as a dive: its images, paired by their stamps, and its camera_info as the rig."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -42,9 +40,7 @@ from stereo_seecolor.files.contained import Container, open_containers
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
 GAP_INTERVALS = 3.5
-"""Pairs further apart than this many median intervals have a gap between them; one or two lost
-frames are common.
-"""
+"""Pairs farther apart than so many median intervals have a gap between; a lost frame is common."""
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,7 @@ def parse_foxglove(content: bytes, msgtype: str, encoding: str) -> Any:
 
 
 def foxglove_stamp_ns(content: bytes, encoding: str) -> int:
-    """The time of a message, or of the first bytes of one in protobuf, which begin with it; 0
-    where there is none.
-    """
+    """The time of a message, or of its first bytes in protobuf; 0 where there is none."""
     try:
         if encoding == "json":
             time = load_json(content)["timestamp"]

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from calibration import CalibrationError, StereoRig
 from calibration.formats import ros
 from calibration.formats.reading.section import Section
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, library_for
 from stereo_seecolor.extras.streams.bags.bag import (
     COMPRESSED_IMAGES,
     TRANSFORMS,
     VIDEOS,
     Entry,
-    needs_library,
 )
 from stereo_seecolor.extras.streams.bags.foxglove import parse_foxglove
 from stereo_seecolor.files.image_headers import JPEG_SIGNATURE, PNG_SIGNATURE
@@ -76,9 +75,7 @@ _VIDEO_FIELDS = {
         "uint8 flags",
     ),
 }
-"""Type that rosbags does not know -> its fields (Foxglove's and ffmpeg_image_transport's own
-definitions).
-"""
+"""Type that rosbags does not know -> its fields (Foxglove's, ffmpeg_image_transport's)."""
 DEPTH_HEADER_BYTES = 12
 """What compressed_depth_image_transport writes before the PNG: an int and two floats."""
 
@@ -88,18 +85,19 @@ _BLUE_FIRST = ("bgr", "8UC3", "16UC3", "8UC4")
 def decode(entry: Entry) -> Any:
     """The message with attributes. Raises InputError if damaged, DeviceError without rosbags."""
     content, (_, msgtype, encoding) = entry.payload(), entry.channel
-    try:
-        if encoding in ("protobuf", "json"):
-            return parse_foxglove(content, msgtype, encoding)
-        if msgtype == VIDEOS[-1]:
-            return _packet(content, encoding)
-        return _deserialized(content, msgtype, encoding)
-    except ImportError as error:
-        raise needs_library() from error
-    except Exception as error:  # rosbags has many ways to fail on damaged bytes
-        raise InputError(
-            f"{entry.path}: {entry.channel.topic}: a message of it is damaged ({error})"
-        ) from error
+    with library_for("a bag", "bags"):
+        try:
+            if encoding in ("protobuf", "json"):
+                return parse_foxglove(content, msgtype, encoding)
+            if msgtype == VIDEOS[-1]:
+                return _packet(content, encoding)
+            return _deserialized(content, msgtype, encoding)
+        except ImportError:
+            raise
+        except Exception as error:  # rosbags has many ways to fail on damaged bytes
+            raise InputError(
+                f"{entry.path}: {entry.channel.topic}: a message of it is damaged ({error})"
+            ) from error
 
 
 def _packet(content: bytes, encoding: str) -> Any:
@@ -149,9 +147,7 @@ def image_content(entry: Entry) -> bytes:
 
 
 def message_content(message: Any, msgtype: str, where: str) -> bytes:
-    """A decoded image message as the content of an image file; ``where`` is for the errors. Raises
-    InputError.
-    """
+    """A decoded image message as content of an image file; where: for errors. Raises InputError."""
     if msgtype not in COMPRESSED_IMAGES:
         return encode_tiff(_pixels(message, where))
     content = _compressed(message)

@@ -1,6 +1,4 @@
-"""ROS 1 bags, format 2.0, record by record; no index is needed
-(http://wiki.ros.org/Bags/Format/2.0).
-"""
+"""ROS 1 bags 2.0, record by record; no index is needed (http://wiki.ros.org/Bags/Format/2.0)."""
 
 import struct
 from collections.abc import Iterator

@@ -1,6 +1,4 @@
-"""Bytes of a bag by their offset, in its file or in a decompressed chunk of it; and the messages
-found in them.
-"""
+"""Bytes of a bag by offset, in its file or a decompressed chunk; and the messages in them."""
 
 import os
 from collections.abc import Callable

@@ -84,9 +84,7 @@ def parse_topics(text: str) -> dict[str, str]:
 
 
 def info_topic(bag: Bag, image: Topic) -> Topic | None:
-    """The camera_info of an image topic: the one beside it, or the one that shares most of its name
-    and its side.
-    """
+    """The camera_info of an image topic: the one beside it, or of the most similar name."""
     infos = [topic for topic in bag.topics if topic.msgtype == CAMERA_INFO and topic.entries]
     camera = _camera(image.name)
     beside = [topic for topic in infos if topic.name.split("/")[:-1] == camera]
@@ -96,7 +94,11 @@ def info_topic(bag: Bag, image: Topic) -> Topic | None:
     of_side = [
         topic for topic in infos if side and side_of(" ".join(topic.name.split("/"))) == side
     ]
-    return max(of_side, key=lambda topic: _shared(topic.name.split("/"), camera), default=None)
+    return max(
+        of_side,
+        key=lambda topic: sum(part in camera for part in topic.name.split("/")),
+        default=None,
+    )
 
 
 def _has_info(bag: Bag, left: Topic, right: Topic) -> bool:
@@ -169,7 +171,3 @@ def _camera(name: str) -> list[str]:
     while len(parts) > 1 and parts[-1] in TRANSPORTS:
         parts = parts[:-1]
     return parts if parts != name.split("/") else parts[:-1]
-
-
-def _shared(parts: Sequence[str], others: Sequence[str]) -> int:
-    return sum(part in others for part in parts)

@@ -24,9 +24,7 @@ from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotat
 from stereo_seecolor.records import Trajectory
 
 MOST_POSES = 20_000
-"""Of more every second one is taken, or fewer: poses are interpolated, and each takes 0.1 ms to
-read.
-"""
+"""Of more every second is taken, or fewer: poses are interpolated, and take 0.1 ms each."""
 
 FORWARD_LEFT_UP = np.diag([1.0, -1.0, -1.0])
 """From the vehicle's axes of MountConfig (forward, starboard, down) to those of ROS."""

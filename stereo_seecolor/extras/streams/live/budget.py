@@ -1,6 +1,4 @@
-"""Keeps the time for a pair within a budget: images are matched at full, half or a quarter of their
-size.
-"""
+"""Keeps the time for a pair within a budget: it is matched at full, half or quarter size."""
 
 from collections import deque
 from dataclasses import dataclass

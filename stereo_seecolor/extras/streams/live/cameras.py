@@ -1,6 +1,4 @@
-"""Capture devices and network streams, by OpenCV. A thread reads each, and opens it again when it
-has been lost.
-"""
+"""Capture devices and network streams, by OpenCV; a thread reads each, and reopens it."""
 
 import os
 import time
@@ -25,14 +23,10 @@ RETRY_S = 1.0
 """Seconds between two attempts to open a lost camera again."""
 
 FFMPEG_OPTIONS = "fflags;nobuffer|flags;low_delay|rtsp_transport;tcp"
-"""Without buffers, which would delay frames by seconds; and RTSP over TCP, which loses no
-packets.
-"""
+"""Without buffers, which delay frames by seconds; RTSP over TCP, which loses no packets."""
 
 FFMPEG_QUIET = "-8"
-"""AV_LOG_QUIET: a stream that is joined between two keyframes would fill the terminal with
-warnings.
-"""
+"""AV_LOG_QUIET: a stream joined between keyframes would fill the terminal with warnings."""
 
 
 def is_address(text: str) -> bool:

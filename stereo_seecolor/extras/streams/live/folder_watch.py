@@ -22,9 +22,7 @@ TAIL = 64
 """Newest files of each side that are paired: those of one side may arrive some pairs late."""
 
 RELIST_S = 1.0
-"""Most seconds between two listings of a folder: its modification time is too coarse to show two
-files in 4 ms.
-"""
+"""Most seconds between listings: a folder's modification time is too coarse for 4 ms."""
 
 
 @dataclass

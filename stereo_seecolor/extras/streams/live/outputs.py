@@ -27,9 +27,7 @@ FIRST = ("range", "clouds")
 
 
 class KeptFiles:
-    """Writes the products of every ``every``th pair into ``folder``. Raises OutputError if the
-    folder is not empty.
-    """
+    """Writes every ``every``th pair into ``folder``. Raises OutputError if it is not empty."""
 
     def __init__(self, folder: Path, every: int, pipeline: Pipeline) -> None:
         if folder.exists() and any(folder.iterdir()):
@@ -82,9 +80,7 @@ def recorder(file: McapRecording) -> Callable[[LiveFrame], None]:
 
 
 def recorded_live(frame: LiveFrame, number: int) -> RecordedPair:
-    """A pair for a recording or topics. number: of the pair; its stamp is made from it where the
-    pair has no time.
-    """
+    """A pair for a recording or topics. number: of the pair, for a stamp where it has none."""
     color = eight_bit(frame.result.correction.image)
     stamp_ns = stamp_of(frame.pair.name, frame.pair.timestamp_s, number)
     return RecordedPair(

@@ -1,6 +1,4 @@
-"""A recorded bag played at its own rate, as if its cameras were running now: to try settings, and
-to measure latency.
-"""
+"""A recorded bag played at its own rate: to try settings, and to measure latency."""
 
 import time
 from bisect import bisect_right

@@ -1,6 +1,4 @@
-"""A web page, served by this machine, with the last corrected pair: image, range, water, latency
-and counts.
-"""
+"""A web page from this machine: the last corrected pair, range, water, latency and counts."""
 
 import json
 import secrets
@@ -81,9 +79,7 @@ class _Shown:
 
 
 class Preview:
-    """The content of the page. ``update`` replaces it at once, so that a browser never sees parts
-    of two pairs.
-    """
+    """The page's content. ``update`` replaces it at once: no browser sees parts of two pairs."""
 
     def __init__(self, counts: LiveCounts) -> None:
         self._counts = counts

@@ -57,9 +57,7 @@ class LiveProcessor:
 
 
 def warm_up(pipeline: Pipeline) -> None:
-    """Load and compile all code that a pair needs, so that the first pair is not delayed. Raises
-    CalibrationError.
-    """
+    """Load and compile all code that a pair needs. Raises CalibrationError."""
     rng = np.random.default_rng(0)
     width, height = pipeline.rectification.raw_size
     noise = rng.integers(0, 200, (height, width, 3), np.uint8)

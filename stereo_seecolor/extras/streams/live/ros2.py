@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import DeviceError, library_for
 from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE
 from stereo_seecolor.extras.streams.bags.messages import message_content, store
 from stereo_seecolor.extras.streams.live.streams import Arrived, ImageStream
@@ -34,16 +34,11 @@ class Node:
     """
 
     def __init__(self) -> None:
-        try:
+        with library_for("a ROS 2 topic", "ros2"):
             from cyclonedds.core import DDSException
             from cyclonedds.domain import DomainParticipant
 
             store("cdr")
-        except ImportError as error:
-            raise DeviceError(
-                f"ROS 2 topics need a library that is missing ({error.name}): pip install -c "
-                "constraints.txt '.[ros2]'"
-            ) from error
         try:
             self._participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
         except (DDSException, ValueError) as error:

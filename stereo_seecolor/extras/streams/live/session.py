@@ -22,14 +22,10 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import StereoFrame
 
 POLL_S = 0.004
-"""Seconds between two polls of the source: they add 2 ms to the latency, and take 1 % of a
-processor.
-"""
+"""Seconds between polls of the source: they add 2 ms of latency, and take 1 % of a core."""
 
 SETTLE_S = 2.0
-"""Seconds after which a file that cannot be read counts as failed: until then it may still be being
-written.
-"""
+"""Seconds after which an unreadable file has failed: until then it may be being written."""
 
 LATENCIES = 1000
 """Number of the last pairs whose latencies are kept."""
@@ -95,9 +91,7 @@ class LiveCounts:
     products_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
 
     def facts(self) -> dict[str, Any]:
-        """The content for a page or JSON; median and 95th percentile of latencies, None before the
-        first pair.
-        """
+        """The content for page or JSON; median and 95th percentile of latencies, None at first."""
         content = {
             name: value for name, value in vars(self).items() if not isinstance(value, deque)
         }

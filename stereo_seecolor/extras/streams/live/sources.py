@@ -30,9 +30,7 @@ def source_of(source: str) -> tuple[str, str, Path | None]:
 
 
 def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> LiveSource:
-    """The source of two sides, read until ``stack`` closes. Raises InputError where they are of two
-    kinds, DeviceError.
-    """
+    """The source of two sides, open until ``stack`` closes. Raises InputError, DeviceError."""
     kinds = [
         PREFIX if side.startswith(PREFIX) else "address" if is_address(side) else "folder"
         for side in (left, right)

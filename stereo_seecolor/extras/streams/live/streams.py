@@ -101,9 +101,7 @@ class StreamPairs:
         return None
 
     def read(self, pair: Pair) -> StereoFrame:
-        """The two images of the last pair that was offered. Raises InputError if it was replaced or
-        cannot be decoded.
-        """
+        """The two images of the last offered pair. Raises InputError if it is gone or damaged."""
         if self._offered is None or stamp_name(self._offered[0].stamp_ns) != pair.name:
             raise InputError(f"{pair.name}: was removed: a newer pair has come")
         left, right = (side.image() for side in self._offered)

@@ -24,9 +24,7 @@ AROUND_S = 1.0
 """The frames that are around: the scene changes little in that time."""
 
 SAME_RATE = 0.005
-"""Rates that differ by more, such as 29.97 and 30.5, are of two kinds; 29.97 and 30 differ by 0.1
-%.
-"""
+"""Rates that differ by more, as 29.97 and 30.5, are of two kinds; 29.97 and 30 by 0.1 %."""
 
 
 @dataclass(frozen=True)

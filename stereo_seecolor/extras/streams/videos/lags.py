@@ -40,7 +40,6 @@ class Lag:
     second.
 
     std_s: standard error of offset_s, drift_std: of drift. center_s: where the two are independent.
-    correlation: at the best lag.
     """
 
     offset_s: float
@@ -48,17 +47,14 @@ class Lag:
     drift: float = 0.0
     drift_std: float = 0.0
     center_s: float = 0.0
-    correlation: float = 1.0
 
     def at(self, times_s: Array) -> Array:
         """Convert times of the first clock to the second."""
         return np.asarray(times_s + self.offset_s + self.drift * (times_s - self.center_s))
 
 
-def coarse_lag(
-    times: tuple[Array, Array], signals: tuple[Array, Array]
-) -> tuple[float, float] | None:
-    """Find (offset_s, correlation) where two signals fit best; None where no lag stands out.
+def coarse_lag(times: tuple[Array, Array], signals: tuple[Array, Array]) -> float | None:
+    """The offset, seconds, at which two signals fit best; None where no lag stands out.
 
     times: of either signal's samples, rising. signals: (n, k), the same k quantities. All lags are
     tried at which enough overlaps.
@@ -78,11 +74,11 @@ def coarse_lag(
         or correlation[best] - _runner_up(correlation, best) < LIMITS.lead
     ):
         return None
-    return float(lags[best] * step_s + grids[1][0] - grids[0][0]), float(correlation[best])
+    return float(lags[best] * step_s + grids[1][0] - grids[0][0])
 
 
 def fine_lag(
-    times: tuple[Array, Array], signals: tuple[Array, Array], coarse: tuple[float, float]
+    times: tuple[Array, Array], signals: tuple[Array, Array], coarse_s: float
 ) -> Lag | None:
     """Fit offset and drift that make the second signal agree with the first, by least squares from
     a coarse lag; None where it fails.
@@ -95,8 +91,8 @@ def fine_lag(
 
     spline = CubicSpline(times[1], signals[1], extrapolate=False)
     margin_s = 0.5
-    inside = (times[0] + coarse[0] > times[1][0] + margin_s) & (
-        times[0] + coarse[0] < times[1][-1] - margin_s
+    inside = (times[0] + coarse_s > times[1][0] + margin_s) & (
+        times[0] + coarse_s < times[1][-1] - margin_s
     )
     at, wanted = times[0][inside], signals[0][inside]
     if len(at) < 20:
@@ -106,7 +102,7 @@ def fine_lag(
     def residuals(p: Array) -> Array:
         """p: gains, constants, offset in 10 ms, drift in 100 ppm where it is free."""
         drift = p[2 * k + 1] * 1e-4 if len(p) > 2 * k + 1 else 0.0
-        found = spline(at + coarse[0] + p[2 * k] * 1e-2 + drift * (at - center_s))
+        found = spline(at + coarse_s + p[2 * k] * 1e-2 + drift * (at - center_s))
         return np.asarray((wanted - p[:k] * found - p[k : 2 * k]) / scale).ravel()
 
     fits = []
@@ -119,21 +115,18 @@ def fine_lag(
         x_drift, error_drift = np.append(x, 0.0), np.append(error, LIMITS.drift * 1e4)
     if abs(x_drift[2 * k]) * 1e-2 > LIMITS.rest_s:
         return None
-    offset_s = coarse[0] + x_drift[2 * k] * 1e-2
+    offset_s = coarse_s + x_drift[2 * k] * 1e-2
     return Lag(
         offset_s,
         error_drift[2 * k] * 1e-2,
         x_drift[-1] * 1e-4,
         error_drift[-1] * 1e-4,
         center_s,
-        coarse[1],
     )
 
 
 def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:
-    """The line through offsets measured at several times, without those far off it; None for fewer
-    than three.
-    """
+    """The line through offsets at several times, without outliers; None for fewer than three."""
     keep = np.abs(offsets_s - np.median(offsets_s)) < max(5 * deviation(offsets_s), 2 * floor_s)
     if keep.sum() < 3:
         return None

@@ -1,6 +1,4 @@
-"""The motion and brightness of a video's picture from frame to frame: signals that two cameras on
-one rig share.
-"""
+"""Motion and brightness from frame to frame: signals that two cameras on a rig share."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,9 +60,7 @@ class VideoSignals:
 
 
 def video_signals(path: Path) -> VideoSignals:
-    """Decode a video once. Raises NoEvidence if it holds fewer than three frames with times,
-    InputError, DeviceError.
-    """
+    """Decode a video once. Raises NoEvidence for under three frames, InputError, DeviceError."""
     times: list[float] = []
     brightness: list[float] = []
     shifts: list[tuple[float, float]] = []

@@ -29,9 +29,7 @@ from stereo_seecolor.version import __version__
 
 @dataclass(frozen=True)
 class Videos:
-    """The videos of a dive: one for each side, or twice the same one that shows both. Raises
-    InputError, DeviceError.
-    """
+    """The videos of a dive: one for each side, or one twice. Raises InputError, DeviceError."""
 
     left: Path
     right: Path
@@ -52,9 +50,7 @@ class Videos:
         return choose_frames(self.left, self.right, config, rig)
 
     def pairing(self, choice: FrameChoice) -> Pairing:
-        """Make pairs of the chosen frames, named after the number of the left one. Times are those
-        of the left video.
-        """
+        """Pairs of the chosen frames, named by the number of the left one, with its times."""
         halves = SIDES[::-1] if self.right_half_first else SIDES
         sides = halves if self.left == self.right else ("", "")
         times_s = video_file(self.left).index.times_s + (recorded_at(self.left) or 0.0)

@@ -39,14 +39,14 @@ def sound_lag(left: Sound, right: Sound) -> Lag | None:
         start_s + (np.arange(len(e)) + 0.5) / ENVELOPE_HZ
         for (start_s, _), e in zip((left, right), envelopes, strict=True)
     ]
-    coarse = coarse_lag((times[0], times[1]), (envelopes[0], envelopes[1]))
-    if coarse is None:
+    coarse_s = coarse_lag((times[0], times[1]), (envelopes[0], envelopes[1]))
+    if coarse_s is None:
         return None
     starts = np.arange(left[0], left[0] + len(left[1]) / SOUND_RATE_HZ - WINDOW_S, WINDOW_S)
     found = [
         (start_s + WINDOW_S / 2, offset_s)
         for start_s in starts[:: -(-len(starts) // MOST_WINDOWS) or 1]
-        if (offset_s := _window_lag(left, right, start_s, coarse[0])) is not None
+        if (offset_s := _window_lag(left, right, start_s, coarse_s)) is not None
     ]
     if not found:
         return None

@@ -193,8 +193,8 @@ def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
 
 
 def _lag(times: tuple[Array, Array], motions: tuple[Array, Array]) -> Lag | None:
-    coarse = coarse_lag(times, motions)
-    return fine_lag(times, motions, coarse) if coarse else None
+    coarse_s = coarse_lag(times, motions)
+    return None if coarse_s is None else fine_lag(times, motions, coarse_s)
 
 
 def _refuse_lost_frames(
@@ -228,9 +228,7 @@ def _refuse_lost_frames(
 
 
 def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
-    """The lag of the one sudden rise of brightness, to a part of a frame; None where there is none,
-    or more than one.
-    """
+    """The lag of the one sudden rise of brightness; None where there is none, or several."""
     times = [_flash(signals) for signals in (left, right)]
     if times[0] is None or times[1] is None:
         return None

@@ -1,6 +1,4 @@
-"""The time code track of videos (SMPTE ST 12-1): the time of day of the first frame, in whole
-frames.
-"""
+"""The time code track of videos (SMPTE ST 12-1): the first frame's time of day, in frames."""
 
 import re
 from pathlib import Path
@@ -16,9 +14,7 @@ _TEXT = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.,])(\d\d)")
 
 
 def time_code_lag(left: Path, right: Path) -> Lag | None:
-    """The lag of two cameras whose time codes were set alike; None where one has none. Raises
-    InputError, DeviceError.
-    """
+    """The lag of cameras with equal time codes; None without. Raises InputError, DeviceError."""
     first, second = _start(left), _start(right)
     if first is None or second is None:
         return None
