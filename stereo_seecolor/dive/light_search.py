@@ -96,9 +96,9 @@ class LightSearch:
     """The search for the light of one dive.
 
     frames: name of each frame, in order, and the key by which ``read`` finds its image and ranges.
-    captures: what the camera recorded of each. geometry: of the rectified images. compute: where
-    frames are examined. examined: called with the name of each frame, where all frames are
-    examined.
+    captures: what the camera recorded of each. geometry: of the rectified images. encoding: of the
+    images that ``read`` gives. compute: where frames are examined. examined: called with the name
+    of each frame, where all frames are examined. files: the encoding as which files were read.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -108,6 +108,7 @@ class LightSearch:
     encoding: InputEncoding
     compute: Compute
     examined: Callable[[str], None] = lambda _: None
+    files: InputEncoding = "srgb"
 
     @property
     def _frame_matcher(self) -> FrameMatcher:
@@ -186,9 +187,9 @@ class LightSearch:
         images were decoded; "" for none. Only known exposures tell a response from its powers
         (Grossberg and Nayar, PAMI 2003).
         """
-        if self.encoding not in OTHER_ENCODING:
+        if self.files not in OTHER_ENCODING:
             return ""
-        name, convert = OTHER_ENCODING[self.encoding]
+        name, convert = OTHER_ENCODING[self.files]
         others = (replace(seen, light=convert(seen.light)) for seen in windows)
         if not explain_better(offsets_about(self._parts(others, light), recorded), offsets):
             return ""

@@ -32,6 +32,7 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
     offsets_about,
 )
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
+from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
@@ -167,12 +168,13 @@ def half_light(name: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DrawnDive:
-    """The sample dive at half its size, its frames darkened by (12,) log_gains; in sRGB or linear
-    light.
+    """The sample dive at half its size, its frames darkened by (12,) log_gains; files in sRGB or linear
+    light, read as either.
     """
 
     log_gains: NDArray[np.float64]
     is_linear: bool = False
+    read_as: InputEncoding = "srgb"
 
     @property
     def names(self) -> list[str]:
@@ -181,14 +183,13 @@ class DrawnDive:
     def read(self, name: str) -> tuple[Image, Map]:
         light = half_light(name) * np.exp(self.log_gains[self.names.index(name)])
         range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")[::2, ::2]
-        values = light if self.is_linear else encode_srgb(light)
-        return np.round(255 * values).astype(np.uint8), np.ascontiguousarray(range_m)
+        values = np.round(255 * (light if self.is_linear else encode_srgb(light))).astype(np.uint8)
+        return Response(self.read_as).standard(values), np.ascontiguousarray(range_m)
 
     def light(
         self,
         recorded: NDArray[np.float64],
         blank: tuple[int, ...] = (),
-        encoding: InputEncoding = "srgb",
     ) -> SurveyLight | None:
         """What is found where the camera recorded exposures of the logarithms ``recorded``;
         ``blank`` frames have no ranges.
@@ -198,7 +199,15 @@ class DrawnDive:
             (name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)
         ]
         return (
-            LightSearch(frames, lambda read: read(), captures, HALF, encoding, Threads(2))
+            LightSearch(
+                frames,
+                lambda read: read(),
+                captures,
+                HALF,
+                "srgb",
+                Threads(2),
+                files=self.read_as,
+            )
             .solve(ALL)
             .light
         )
@@ -341,7 +350,7 @@ def test_records_of_a_dive_in_the_other_encoding_are_not_used(
     is_linear: bool, read_as: InputEncoding
 ) -> None:
     true, encoding = exposures(), "linear" if is_linear else "srgb"
-    found = DrawnDive(true, is_linear).light(true, encoding=read_as)
+    found = DrawnDive(true, is_linear, read_as).light(true)
     assert found is not None
     assert found.recorded == (read_as == encoding)
     said = f"with color.input_encoding={encoding} they would explain the differences"
