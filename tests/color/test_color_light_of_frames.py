@@ -168,8 +168,8 @@ def half_light(name: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DrawnDive:
-    """The sample dive at half its size, its frames darkened by (12,) log_gains; files in sRGB or linear
-    light, read as either.
+    """The sample dive at half its size, its frames darkened by (12,) log_gains; its files in sRGB
+    or linear light, read as either.
     """
 
     log_gains: NDArray[np.float64]
