@@ -251,7 +251,8 @@ class Pipeline:
         """The response of a frame that came without a dive: the first one is measured."""
         if self._measures_response:
             found = measure_response([frame.left])
-            self.response, self._measures_response = found.response, False
+            self.response = replace(found.response, space=self.response.space)
+            self._measures_response = False
             color = self.config.color.model_copy(update=found.settings)
             self.corrector.config = standard_config(color)
         return self.response.of_frame(frame.left)
