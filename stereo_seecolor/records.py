@@ -4,7 +4,7 @@ for unknown values.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -160,28 +160,12 @@ class RangeMap:
         Returns:
             The range map of the results.
         """
-        maps = (
-            self.disparity,
-            self.depth_m,
-            self.range_m,
-            self.range_std_m,
-            self.confidence,
-            self.filled,
-        )
-        disparity, depth_m, range_m, range_std_m, confidence, filled = (
-            function(values) for values in maps
-        )
-        return RangeMap(
-            disparity,
-            depth_m,
-            range_m,
-            range_std_m,
-            confidence,
-            filled,
-            self.warnings,
-            self.vertical_px,
-            self.right_sharpness,
-        )
+        maps: dict[str, Any] = {
+            one.name: function(values)
+            for one in fields(self)
+            if isinstance(values := getattr(self, one.name), np.ndarray)
+        }
+        return replace(self, **maps)
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":

@@ -53,14 +53,7 @@ class RangeMaps:
 
     def range_map(self) -> RangeMap:
         """The finished range map."""
-        return RangeMap(
-            self.disparity,
-            self.depth_m,
-            self.range_m,
-            self.range_std_m,
-            self.confidence,
-            self.filled,
-        )
+        return RangeMap(**vars(self))
 
 
 @compiled
