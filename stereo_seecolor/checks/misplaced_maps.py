@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, RANGES, DiveVerdict
 from stereo_seecolor.errors import InputError
@@ -142,13 +143,9 @@ def _map_edges(images: DiveImages, path: Path, cell_px: int) -> Array:
 
 def _cells(values: NDArray[np.float32], cell_px: int) -> Array:
     """Means of the known values of (H, W) in cells; NaN where none is."""
-    rows, columns = (length // cell_px for length in values.shape)
-    cut = values[: rows * cell_px, : columns * cell_px]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(
-            np.nanmean(cut.reshape(rows, cell_px, columns, cell_px), axis=(1, 3)), np.float64
-        )
+        return np.asarray(np.nanmean(in_blocks(values, cell_px), axis=(1, 3)), np.float64)
 
 
 def _beyond_usual(values: Array) -> Array:

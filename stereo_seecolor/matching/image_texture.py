@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, gray, shrink
 from stereo_seecolor.records import Image, StereoFrame
 
@@ -75,6 +76,4 @@ def textured_fraction(image: Image) -> float:
 def _amplitude(image: Gray, block: int) -> NDArray[Any]:
     """Median departure of a block's pixels from the mean of 5 x 5 around them, of 255."""
     departure = cv2.absdiff(image, cv2.blur(image, (5, 5)))
-    rows, columns = (length // block for length in image.shape)
-    blocks = departure[: rows * block, : columns * block].reshape(rows, block, columns, block)
-    return np.asarray(np.median(blocks, axis=(1, 3)) / 256)
+    return np.asarray(np.median(in_blocks(departure, block), axis=(1, 3)) / 256)
