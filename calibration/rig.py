@@ -312,9 +312,8 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
         )
     if baseline_m < MIN_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m is impossible: the unit must be "
-            "meters (OpenCV's stereo_calib sample writes board squares unless told their "
-            "size)"
+            f"T_right_left: a baseline of {baseline_m:g} m is impossible: the unit must be meters "
+            "(OpenCV's stereo_calib sample writes board squares unless told their size)"
         )
     center_right_in_left = -R.T @ translation_m
     if abs(center_right_in_left[2]) > 2 * np.hypot(*center_right_in_left[:2]):

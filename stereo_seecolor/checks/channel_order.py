@@ -100,10 +100,9 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     name = pairs[first].left.name
     if first == last:
         return (
-            f"{name}: its red and blue fit the images before and after only if they are "
-            "exchanged: its channels may be in another order, or it shows another camera, "
-            "light or scene: look at it, and leave it out or bring it to the order of the "
-            "others"
+            f"{name}: its red and blue fit the images before and after only if they are exchanged: "
+            "its channels may be in another order, or it shows another camera, light or scene: "
+            "look at it, and leave it out or bring it to the order of the others"
         )
     which = (
         f"{name} and the following images"

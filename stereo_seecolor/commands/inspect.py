@@ -188,9 +188,8 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
     )
     if left.bits == right.bits == FLOAT_BITS:
         raise InputError(
-            f"{sides.left} and {sides.right}: contain floating-point numbers, but images need 8 "
-            "or 16 bits per channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times "
-            "65535)"
+            f"{sides.left} and {sides.right}: contain floating-point numbers, but images need 8 or "
+            "16 bits per channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times 65535)"
         )
     if FLOAT_BITS in (left.bits, right.bits):
         command = shlex.join(

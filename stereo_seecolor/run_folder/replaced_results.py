@@ -109,8 +109,7 @@ def refuse_inputs(
             if name not in safe and replaces.includes(name):
                 raise OutputError(
                     f"{given}: is an input of this run, and would be deleted or replaced in "
-                    f"{root}: copy it elsewhere first, or choose another --out; nothing was "
-                    "changed"
+                    f"{root}: copy it elsewhere first, or choose another --out; nothing was changed"
                 )
 
 

@@ -101,8 +101,7 @@ def read_subtitles(lines: Lines, mount: MountConfig) -> Trajectory:
     if not found:
         raise InputError(
             f"{lines.path}: is subtitles whose {len(cues)} lines of text show no date and time: "
-            "their times count from the start of a video; give a table with time, lat, lon, "
-            "depth"
+            "their times count from the start of a video; give a table with time, lat, lon, depth"
         )
     if not any({"lat", "lon"} <= row.keys() for row in found):
         shown = ", ".join(sorted({role for row in found for role in row}))

@@ -128,9 +128,8 @@ def _checked(
     if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
         raise ComparingError(
             f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: "
-            f"{SETTINGS.stable:.0%}); features "
-            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most "
-            f"{1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+            f"{SETTINGS.stable:.0%}); features and surfaces are {1000 * apart_m:.0f} mm apart (at "
+            f"most {1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
         )
     agreeing = int(coarse.inliers.sum())
     return Registration(
