@@ -64,8 +64,7 @@ class TooMuchError(ValueError):
 def load_json(
     text: str | bytes, once_each: Callable[[list[tuple[str, Any]]], Any] | None = None
 ) -> Any:
-    """The content of JSON text. once_each: makes an object of its pairs of key and value, in place
-    of ``dict``.
+    """The content of JSON text. once_each: makes an object of its pairs, in place of ``dict``.
 
     Raises ValueError, its kinds UnicodeDecodeError and TooMuchError included.
     """

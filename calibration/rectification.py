@@ -141,9 +141,8 @@ def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
     (0..3) that the baseline lies at.
 
     Upright: with the left camera turned by 45 degrees at most. 0: the right camera stands to the
-    right (+x), 1: below (+y),
-    2: to the left, 3: above. A right camera that is itself mounted turned by a quarter is turned
-    back first.
+    right (+x), 1: below (+y), 2: to the left, 3: above. A right camera mounted turned by a quarter
+    is turned back first.
     """
     turned_right = quarter_turn(-quarter_turns_of(T_right_left[:3, :3]))
     R, translation = turned_right @ T_right_left[:3, :3], turned_right @ T_right_left[:3, 3]
@@ -192,8 +191,7 @@ class Rectification:
 
     It has two geometries: for matching, images are rotated by multiples of 90 degrees so that the
     baseline is +x (``matching_pair``, ``apply_left``, ``apply_right``), and products are upright,
-    as the left camera saw the scene (``pair``, ``upright``). For a pair side by side both are the
-    same.
+    as the left camera saw the scene (``pair``, ``upright``). Side by side both are the same.
 
     Attributes:
         pair: The upright geometry.
@@ -278,8 +276,7 @@ class Rectification:
         return self._remap(image, self.maps_right, "right")
 
     def upright(self, array: Pixels) -> Pixels:
-        """Rotate an array in the geometry of the matched left image to the upright geometry
-        ``pair``.
+        """Rotate an array from the matched left image's geometry to the upright one, ``pair``.
 
         Args:
             array: (H, W) or (H, W, C).

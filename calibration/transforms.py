@@ -1,7 +1,6 @@
 """Rigid transforms as (..., 4, 4) matrices, p_target = T_target_source @ p_source, and rotations.
 
-scipy.spatial takes as long to import as a pair to match, so that only the functions that need it
-import it.
+scipy.spatial takes as long to import as a pair to match: only functions that need it import it.
 """
 
 import numpy as np

@@ -51,8 +51,7 @@ class Capture:
     def relative_exposure(self) -> float | None:
         """Brightness of a scene up to a constant of the camera: exposure_s gain / aperture^2.
 
-        Values that are not recorded are taken to be constant; None where neither exposure nor gain
-        is recorded.
+        What is not recorded counts as constant; None where neither exposure nor gain is recorded.
         """
         if self.exposure_s is None and self.gain is None:
             return None
@@ -300,8 +299,7 @@ class SurveyFrame:
     right_sharpness: float = math.nan
 
     def scaled(self, scale: float) -> "SurveyFrame":
-        """The frame with its ranges multiplied, for a rig whose scale is known better than by
-        calibration.
+        """The frame with its ranges multiplied, where a better scale of the rig is known.
 
         Args:
             scale: Factor.

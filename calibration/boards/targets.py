@@ -254,11 +254,9 @@ def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray
 def _refine(
     image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int
 ) -> NDArray[np.float64]:
-    """Corners to a fraction of a pixel, in the largest window that never reaches the neighboring
-    corner.
+    """Corners to sub-pixel, in the largest window that never reaches the neighboring corner.
 
-    cornerSubPix beats the sector-based detector's own refinement by a third on small, compressed
-    images.
+    cornerSubPix beats the detector's own refinement by a third on small, compressed images.
     """
     grid = pixels.reshape(-1, columns, 2)
     nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))

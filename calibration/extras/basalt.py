@@ -1,7 +1,6 @@
 """Basalt's calibration.json: T_imu_cam (camera to IMU) as position and quaternion.
 
-Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the pinhole or fisheye that is
-nearest.
+Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the nearest pinhole or fisheye.
 """
 
 from collections.abc import Callable

@@ -1,5 +1,4 @@
-"""SeaGIS's .cam, one file a camera: interior and exterior orientation in the photogrammetric
-convention.
+"""SeaGIS's .cam, one file a camera: interior and exterior orientation of photogrammetry.
 
 The layout as CAL and EventMeasure write it: "CAM", a version, two texts, pixel sizes in mm, rows
 and columns, and a matrix of 16 numbers: principal point xp yp and distance c (mm), k3 k5 k7 (mm^-2

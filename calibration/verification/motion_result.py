@@ -55,8 +55,7 @@ LIMITS = MotionLimits()
 
 @dataclass(frozen=True)
 class Motion:
-    """What the motion between couples of pairs tells of the calibration; couples: 0 where too few
-    show the same.
+    """What the motion between couples of pairs tells of the calibration; couples: 0 for too few.
 
     offset_px: to be added to all disparities; focal: the true focal length over the calibrated one,
     less 1, NaN where it is not seen. range_error: of ranges at the median disparity by both,

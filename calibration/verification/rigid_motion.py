@@ -50,8 +50,7 @@ SETTINGS = FitSettings()
 
 @dataclass(frozen=True, eq=False)
 class SeenTwice:
-    """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
-    disparity.
+    """The same n points at two moments: (n, 3) pixels x, y from the principal point, disparity.
 
     rows_px: (n, 2) right minus left row at both moments; 0 unless stated otherwise.
     """

@@ -47,8 +47,7 @@ Colors = NDArray[np.float64]
 
 
 def channel_order(images: DiveImages) -> DiveVerdict:
-    """The left images of which red and blue are exchanged against those before, the first and the
-    last.
+    """The left images of which red and blue are exchanged against those before, first and last.
 
     Of a single image other causes are as likely (another camera, light or scene), so that its
     colors alone are named.

@@ -142,8 +142,7 @@ def _slip(
     """Which pair a slip of the pairing begins with, as where one side lost an image; None where the
     failed pairs show none.
 
-    misfits: the failed pairs with their places, of which nearly all from the first to the last one
-    failed.
+    misfits: the failed pairs with their places; nearly all between the first and the last failed.
     """
     if len(misfits) < _LIMITS.slip_pairs or len(misfits) < _LIMITS.slip_fraction * (
         misfits[-1][0] - misfits[0][0] + 1

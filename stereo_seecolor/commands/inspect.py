@@ -237,8 +237,7 @@ def command_line(
     """The ``run`` command for the files found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand
     for missing ones.
 
-    It exchanges sides that are swapped, refines a rig of which a camera has moved, and sets limits
-    of range.
+    It exchanges sides that are swapped, refines a rig that has moved, and sets limits of range.
     """
     rows = tested.rows
     calib = (

@@ -40,9 +40,8 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     """The rig of a calibration file. Where the file states no image size, it is that of the first
     image that can be read.
 
-    A file that can be read in several ways is not settled: the rig keeps its alternatives.
-    Raises InputError; CalibrationError, also where the first images all have another size than the
-    calibration's.
+    A file that can be read in several ways is not settled: the rig keeps its alternatives. Raises
+    InputError; CalibrationError, also where the first images all have another size.
     """
     lefts = _left_images(pairs, images)
     image = next(lefts)

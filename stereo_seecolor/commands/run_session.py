@@ -155,8 +155,7 @@ class _Meter:
     def compared(self, summary: RunSummary, root: Path, plan: KeptPlan | None) -> RunSummary:
         """The summary with the planned and the measured cost.
 
-        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
-        done a part.
+        Unchanged where OUT holds no plan for this dive, or the run did not do all of it.
         """
         if plan is None or summary.kept or summary.stopped:
             return summary

@@ -24,8 +24,7 @@ class TextureConstants:
     0.50 to 0.70; nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom
     in haze, of which a third still matches, 0.85 (median).
 
-    strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a
-    pixel.
+    strong_levels: amplitude, reduced, that no noise reaches: 2 with 10 levels of noise a pixel.
 
     least_levels: amplitude at half the reduced size, of 255, that rounding and compression reach:
     0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom in haze 0.15 if hardly a pixel
@@ -55,8 +54,7 @@ def sides_without_texture(frame: StereoFrame) -> tuple[str, ...]:
 
 
 def textured_fraction(image: Image) -> float:
-    """Compute the fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show
-    texture.
+    """The fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show texture.
 
     The mean of 2 x 2 pixels halves white noise and preserves texture. Medians exclude drifting
     particles, which are few and bright.

@@ -97,8 +97,7 @@ _NOTHING = ((0, 0), (0, 0))
 
 
 class DetailMatcher:
-    """A matcher that matches a large pair at half or a quarter of its size if full size shows too
-    little detail.
+    """Matches a large pair at half or a quarter of its size if full size shows too little detail.
 
     Examples: large sensors with soft optics, turbid water, enlarged or strongly compressed images.
     There, noise determines the comparisons of neighboring pixels.

@@ -292,8 +292,7 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
 def _solve(base: Any, best: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
     """Solve one row: refined disparity, its standard error, and relief.
 
-    base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its
-    place.
+    base: disparities that passed the checks, smoothed; elsewhere ``best`` takes its place.
     """
     one, largest = np.float32(1), np.float32(_LARGEST_STEP)
     prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)

@@ -84,8 +84,7 @@ class FrameFiles:
 
         Raises InputError, CalibrationError.
 
-        Records of others may name any image of this machine: one is shown only where it is what the
-        run read.
+        Records of others may name any image of this machine: only what the run read is shown.
         """
         if hashlib.sha256(read_bytes(frame.left)).hexdigest() != frame.sha256:
             raise InputError(f"{frame.left}: is not the image that the run read")

@@ -64,11 +64,9 @@ def height_tiles(
 
 
 def height_std_m(run: FinishedRun) -> float:
-    """The standard error of a height of the map, meters: that of a typical range in one frame of
-    the dive.
+    """The standard error of a height of the map, meters: that of a typical range in one frame.
 
-    Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be
-    read.
+    Fusing several frames lowers it, and errors of their poses raise it. NaN without frames.
     """
     frames = run.frames[:: max(1, len(run.frames) // HEIGHT_CODE.sampled_frames)]
     known = [

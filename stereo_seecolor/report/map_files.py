@@ -41,8 +41,7 @@ Pieces = dict[str, dict[str, Any]]
 def write_map_files(folder: RunFolder, facts: DiveFacts) -> dict[str, str]:
     """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
-    Returns the rasters of the map that are damaged, which the page goes without: path in OUT ->
-    why.
+    Returns damaged rasters, which the page lacks: path in OUT -> why.
     """
     made = facts.map
     key = content_key(*_stamps(made)) if made else ""

@@ -243,8 +243,7 @@ class FinishedRun:
         """Names of the frames of which an image is that of the frame before: a camera stalled, or
         files were copied.
 
-        Where both did, the frame shows nothing new; where one did, its ranges are wrong by the
-        motion since.
+        Where both did, the frame shows nothing new; where one did, ranges are wrong by the motion.
         """
         return tuple(
             frame.name

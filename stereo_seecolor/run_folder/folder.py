@@ -83,8 +83,7 @@ class RunFolder:
     @classmethod
     @contextmanager
     def existing(cls, root: Path, command: str, inputs: Sequence[Path] = ()) -> Iterator[Self]:
-        """Lock a finished run's folder for a command that adds a map or another file of the whole
-        dive.
+        """Lock a finished run's folder for a command that adds a file of the whole dive.
 
         inputs: files that the command reads, which are not to be replaced. Raises OutputError.
         """

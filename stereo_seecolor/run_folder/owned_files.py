@@ -18,8 +18,7 @@ from stereo_seecolor.run_folder.stamp import Stamp
 
 
 class OwnedFiles:
-    """The files under ``root``. A file is the program's if its stamp is one that the manifest holds
-    for its path.
+    """The files under ``root``. One is the program's if the manifest holds its stamp.
 
     set_aside: files that are not, or no longer, and that were moved aside instead of overwritten.
     """

@@ -95,8 +95,7 @@ REPLACES: dict[str, Replaces] = {
 def refuse_inputs(
     command: str, root: Path, inputs: Iterable[Path], unchanged: Iterable[str] = ()
 ) -> None:
-    """Raise OutputError where an input lies in what a command may delete or replace in its output
-    folder.
+    """Raise OutputError where an input lies in what a command may delete or replace in OUT.
 
     inputs: every file and folder that it reads, of any kind; links are followed. unchanged: names
     in OUT that this run leaves as they are, or writes again with the content that it reads.

@@ -55,8 +55,7 @@ def scattering_per_m(kd: Spectrum) -> float:
     """Scattering coefficient, 1/m, as beam attenuation less Kd, both at 535 nm: Kd = 0.2 c + 0.04
     (Shannon, Proc. SPIE 64, 1975).
 
-    kd: (13,) at TABLE_NM, 1/m. Negative in the clearest waters, to which the relation does not
-    reach.
+    kd: (13,) at TABLE_NM, 1/m. Negative in the clearest waters, beyond the relation.
     """
     kd_535 = float(np.interp(535.0, TABLE_NM, kd))
     return (kd_535 - 0.04) / 0.2 - kd_535

@@ -97,8 +97,7 @@ class Section:
         return int(values[0]), int(values[1])
 
     def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
-        """Read (n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with
-        ``data``.
+        """Read (n,) finite numbers under ``key``: a number, list, rows, or matrix with ``data``.
 
         counts: the lengths allowed; any if none is given. The length of the data counts, not the
         ``rows`` and ``cols`` written beside it (several tools write those wrong).

@@ -38,8 +38,7 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     """Choose the tone with a median luminance as near to ``config.median_luminance`` as highlights
     allow.
 
-    The median luminance is that of the medians of the channels, which is equal if channels are
-    correlated.
+    The median luminance is that of the medians of the channels: equal if channels are correlated.
     """
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unit_exposure_gains(water, fine_ranges_m()[occupied * FINE + FINE // 2])

@@ -1,8 +1,7 @@
 """Telemetry of small vehicles: position reports of Water Linked DVLs (A50, A125: JSON, a report a
 line), and subtitles beside a video (SRT of drones and BlueOS, ASS of Cockpit).
 
-Sources: Water Linked, *DVL protocol*; Blue Robotics, *Cockpit*; DJI's subtitles as published logs
-show them.
+Sources: Water Linked, *DVL protocol*; Blue Robotics, *Cockpit*; DJI's subtitles in published logs.
 """
 
 import re

@@ -62,8 +62,7 @@ class Cells:
     """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) centers. z_m: (h, w) heights,
     NaN where unknown.
 
-    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, NaN for all
-    others.
+    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, else NaN.
     """
 
     edge_m: float

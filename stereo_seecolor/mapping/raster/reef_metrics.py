@@ -127,8 +127,7 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
     """Measure all squares of a terrain model, of edge ``square_m``, that were seen: (metrics, rows,
     columns) float32.
 
-    Squares are counted from the terrain's north-west corner. folder: where the blocks of the result
-    are written.
+    Squares are counted from the terrain's north-west corner. folder: where blocks are written.
     """
     cell_m = terrain.grid.cell_m
     size = max(3, round(square_m / cell_m))
@@ -183,8 +182,7 @@ def _plane(heights: Heights, cell_m: float) -> tuple[Any, Any, Heights]:
 
 
 def surface_rugosity(heights: Heights, cell_m: float) -> Any:
-    """(...) area of surfaces (..., H, W) over their planar area; NaN where no four neighboring
-    cells are known.
+    """(...) area of surfaces (..., H, W) over their planar area; NaN without four known neighbors.
 
     Between each four neighbors lie two triangles; both ways to halve the square are averaged.
     """

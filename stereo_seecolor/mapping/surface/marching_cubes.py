@@ -120,8 +120,7 @@ def place_points(
     first: int,
     last: int,
 ) -> None:
-    """Number the points of the blocks from first to last - 1, and write their positions, normals
-    and colors.
+    """Number the points of the blocks from first to last - 1; write positions, normals and colors.
 
     volume: tsdf, weight, color (B, 8, 8, 8, 3) and color_weight. starts: (B,) the number of each
     block's first point. points: positions (V, 3) float32, meters; unit normals (V, 3) float32,

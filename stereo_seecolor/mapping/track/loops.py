@@ -100,8 +100,7 @@ def lengths_m(T_world_camera: NDArray[np.float64], order: NDArray[np.int64]) -> 
 def is_plausible(
     loop: Edge, T_world_camera: NDArray[np.float64], ends_m: NDArray[np.float64]
 ) -> bool:
-    """Tell whether a loop contradicts the track by no more than the track can drift between its
-    ends.
+    """Whether a loop contradicts the track by no more than it can drift between its ends.
 
     ends_m: (2,) length of the track at both ends.
     """

@@ -149,8 +149,7 @@ def follow(survey: Survey) -> Track:
     """Measure each frame, in the order of time, against the ones before it; then again without the
     errors that all images have.
 
-    The last frame comes first; poses from it tell where features of the frames before that are
-    searched.
+    The last frame comes first; its poses tell where to search earlier frames.
     """
     track = _featured(survey)
     guess: Guess | None = None
@@ -219,8 +218,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
     """Place the frames by all edges that were measured, loops included, and by priors: those of
     ``given``'s frames.
 
-    Frames that the pictures do not connect keep their place by their priors, in the components of
-    ``given``.
+    Frames that the pictures do not connect keep their place by priors, in components of ``given``.
     """
     index = track.survey.index
     for component in range(len(given.sizes)):

@@ -50,8 +50,7 @@ def solve(
     edges: Sequence[Edge],
     priors: Sequence[Prior] = (),
 ) -> tuple[NDArray[np.float64], list[Edge]]:
-    """Poses that agree best with edges and priors, and the edges that do not fit the rest: false
-    loops.
+    """Poses that agree best with edges and priors, and edges that do not fit: false loops.
 
     T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must
     connect them all; the first stays put where there are no priors. Levenberg-Marquardt under a

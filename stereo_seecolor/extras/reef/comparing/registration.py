@@ -79,8 +79,7 @@ class Registration:
         """(...,) standard error of the height over a place, through the registration alone, of
         ground through points (..., 3).
 
-        slopes: (2, ...) its rise to the east and to the north: there a shift sideways is one of
-        height.
+        slopes: (2, ...) its rise to the east and to the north, where shifts sideways are of height.
         """
         arm, (east, north) = points_m - self.center_m, slopes
         normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)

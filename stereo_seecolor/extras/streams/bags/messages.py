@@ -174,8 +174,7 @@ def _compressed(message: Any) -> bytes:
     """The image file in a CompressedImage. compressedDepth, with or without the word png after it,
     puts 12 bytes before the file.
 
-    Of depths in meters (32FC1) the file holds their inverse, coded by those bytes: such are not
-    read.
+    Of depths in meters (32FC1) the file holds their inverse, coded by those: not read.
     """
     content, form = bytes(message.data), str(message.format)
     if "compressedDepth" not in form or form.startswith("32FC1"):
