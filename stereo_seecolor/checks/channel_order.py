@@ -60,7 +60,7 @@ def channel_order(images: DiveImages) -> DiveVerdict:
             after = _colors(images, pairs[last].left)
             if before is not None and _are_exchanged(before, after):
                 place = edge(first, last, _differs_from(first, images))
-                end = _last_exchanged(images, place, last, looked_at)
+                end = _last_exchanged(images, last, looked_at)
                 note = f"input: {_exchanged_text(pairs, place, end)}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
@@ -115,9 +115,9 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     )
 
 
-def _last_exchanged(images: DiveImages, place: int, seen: int, looked_at: Sequence[int]) -> int:
-    """The last image in a row that is exchanged as the one at ``place`` is. seen: one that is known
-    to be; looked_at: the places that are compared with it.
+def _last_exchanged(images: DiveImages, seen: int, looked_at: Sequence[int]) -> int:
+    """The last image in a row that is exchanged as the one at ``seen`` is. looked_at: the places
+    that are compared with it.
     """
     end = len(images.pairs)
     for later in (one for one in (*looked_at, end - 1) if one > seen):
