@@ -1,6 +1,4 @@
-"""Range errors that a flat port causes, modeled or ignored: exact rays traced through it, compared
-with the rectification.
-"""
+"""Range errors of a flat port, modeled or ignored: exact rays against the rectification."""
 
 from dataclasses import dataclass
 

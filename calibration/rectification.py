@@ -1,6 +1,4 @@
-"""Rectification: how both cameras are turned, the image plane that they share, and images resampled
-onto it with aligned rows.
-"""
+"""Rectification: turns of both cameras, the shared image plane, and images with aligned rows."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -116,9 +114,7 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
 
 
 def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
-    """The inverse of rectified_points: where pixels (n, 2) of the images that are matched lie in
-    the raw left and right images.
-    """
+    """The inverse of rectified_points: pixels (n, 2) in the raw left and right images."""
     plan = plan_rectification(rig)
     pair, raw = plan.matching_pair, []
     left_camera, right_camera, _ = cameras_in_water(rig)

@@ -438,9 +438,7 @@ class FrameRow:
         return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
 
     def then(self, later: "FrameRow") -> "FrameRow":
-        """This row and that of a later stage as one: seconds are added, repeated warnings dropped;
-        kept only if both were.
-        """
+        """This row and a later stage's as one: seconds added, warnings once; kept if both were."""
         seconds = {
             key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0)
             for key in self.seconds | later.seconds

@@ -114,9 +114,7 @@ def transform_of_projections(
 def rectified_rig(
     where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]
 ) -> StereoRig:
-    """The rig of images that are rectified already, from their projections (3, 4), left first.
-    where: the file, for messages.
-    """
+    """The rig of rectified images from their projections (3, 4), left first. where: the file."""
     projections = [upright(P) for P in projections]
     left, right = (
         make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections

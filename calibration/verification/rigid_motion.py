@@ -1,6 +1,4 @@
-"""Rigid motions between neighboring pairs, fitted together with what is wrong with all disparities
-and with the focal length.
-"""
+"""Rigid motions between neighboring pairs, fitted with errors of disparity and focal length."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -172,9 +172,7 @@ def _slips(
     rectification: Rectification,
     config: InputConfig,
 ) -> str | None:
-    """The parts of a dive that are out of step, as where both sides lost images of their own; None
-    for less than two parts.
-    """
+    """The parts of a dive that are out of step, as by lost images; None for less than two."""
     parts = [
         (first, last)
         for first, last in consecutive_intervals(place for place, _ in misfits)

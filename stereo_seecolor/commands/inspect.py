@@ -220,9 +220,7 @@ def _wrong_ranges(sides: Sides, tested: Tested) -> frozenset[Numbers]:
 
 
 def _doubtful(sides: Sides, tested: Tested) -> bool:
-    """Whether the two folders may not be two sides: no name says so, and their sample pairs have
-    too few points in common.
-    """
+    """Whether the folders may not be two sides: no name says so, and few points in common."""
     return (
         sides.guessed
         and tested.facts is not None

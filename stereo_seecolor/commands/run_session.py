@@ -1,6 +1,4 @@
-"""The session of a run over the pairs of a dive: it locks OUT, and writes run.json, frames.csv and
-the page when the run ends.
-"""
+"""The session of a run over pairs: it locks OUT, and writes run.json, frames.csv, the page."""
 
 import time
 from collections.abc import Iterator, Sequence

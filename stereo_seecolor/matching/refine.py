@@ -1,6 +1,4 @@
-"""Sub-pixel refinement without pixel locking: one least-squares step of registration over a window
-(Lucas and Kanade 1981).
-"""
+"""Sub-pixel refinement by one least-squares step of registration (Lucas and Kanade 1981)."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -27,9 +27,7 @@ HEIGHT_CODE = HeightCode()
 
 
 def coded_heights(heights_m: Map) -> dict[str, Any]:
-    """The content of a script with a tile (H, W) of heights, NaN where unknown; it includes the
-    lowest height and the step.
-    """
+    """A script with a tile (H, W) of heights, NaN where unknown, its lowest height and step."""
     known = np.isfinite(heights_m)
     low_m, high_m = (
         (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)

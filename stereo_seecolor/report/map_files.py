@@ -239,9 +239,7 @@ def _around(entry: dict[str, Any], finer: Pieces) -> dict[str, Any]:
 
 
 def _squares(squares: Squares, offset_m: list[float]) -> Files:
-    """A script for each metric: x and y of each square in the map's own coordinates, value and
-    standard error, NaN if unknown.
-    """
+    """A script for each metric: x and y of each square, value and standard error, or NaN."""
     places_m = squares.rows[:, :2] - np.array(offset_m[:2])
     for number in range(len(squares.names)):
         columns = places_m, squares.rows[:, [2 + number]], squares.std[:, [number]]

@@ -345,9 +345,7 @@ def _frame(
 
 
 def _found(given: Path, base: Path) -> Path:
-    """An input from where it was given: relative to the run's working folder, or, where it is not
-    there, to the present one.
-    """
+    """An input from where it was given: relative to the run's working folder, or to this one."""
     return given if given.is_file() and not (base / given).is_file() else base / given
 
 

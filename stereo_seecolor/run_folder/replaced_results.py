@@ -37,9 +37,7 @@ class Replaces:
     what: str
 
     def includes(self, name: str) -> bool:
-        """Tell whether it may delete or replace a file or folder. name: its path relative to OUT,
-        with "/" between folders.
-        """
+        """Whether it may delete or replace a file or folder. name: its path relative to OUT."""
         return any(
             f"{name}/".startswith(result if result.endswith("/") else f"{result}/")
             for result in self.results

@@ -65,9 +65,7 @@ class Section:
         return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
 
     def listed(self, key: str, *wanted: str) -> list["Section"]:
-        """The mappings in the list under ``key``; none where one of them has none of the wanted
-        keys, or it is no such list.
-        """
+        """The mappings in the list under ``key``; none where one lacks all of the wanted keys."""
         entries = self.content.get(key)
         if not isinstance(entries, list) or not all(
             isinstance(one, Mapping) and any(name in one for name in wanted) for one in entries

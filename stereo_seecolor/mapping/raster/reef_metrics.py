@@ -42,9 +42,7 @@ Heights = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReefMetrics:
-    """Metrics of one square, or of a site; NaN where too little was seen. coverage: fraction of the
-    cells that were seen.
-    """
+    """Metrics of a square or a site; NaN: too little seen. coverage: fraction of cells seen."""
 
     coverage: float
     surface_rugosity: float
@@ -164,9 +162,7 @@ def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def _plane(heights: Heights, cell_m: float) -> tuple[Any, Any, Heights]:
-    """Rise to the east and to the north of the fitted plane (...), and what is left of the heights
-    (..., H, W) without it.
-    """
+    """Rise to the east and north of the fitted plane (...), and the heights without it."""
     known = np.isfinite(heights)
     rows, columns = np.mgrid[: heights.shape[-2], : heights.shape[-1]] * cell_m
     away = [

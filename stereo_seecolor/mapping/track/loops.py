@@ -68,9 +68,7 @@ def _footprint(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], floa
 
 
 def between_components(components: NDArray[np.int64]) -> Pairs:
-    """List pairs of frames of different components (N,), -1 for none, thinned out evenly where
-    there are too many to try.
-    """
+    """Pairs of frames of different components (N,), -1 for none, thinned out evenly."""
     placed = np.flatnonzero(components >= 0)
     labels = components[placed]
     own = np.zeros(len(placed), np.int64)
