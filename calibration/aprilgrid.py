@@ -66,8 +66,7 @@ class AprilGrid:
 
     @cached_property
     def points_m(self) -> Array:
-        """The corners of the tags on the board's plane, x to the right and y down: (4 * columns *
-        rows, 3).
+        """The corners of the tags on the plane, x to the right and y down: (4 * columns * rows, 3).
 
         Four of each tag, clockwise from its upper left; tags in the order of their numbers.
         """

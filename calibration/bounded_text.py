@@ -64,8 +64,7 @@ class TooMuchError(ValueError):
 def load_json(
     text: str | bytes, once_each: Callable[[list[tuple[str, Any]]], Any] | None = None
 ) -> Any:
-    """The content of JSON text. once_each: makes an object of its pairs of key and value, in place
-    of ``dict``.
+    """The content of JSON text. once_each: makes an object of its pairs, in place of ``dict``.
 
     Raises ValueError, its kinds UnicodeDecodeError and TooMuchError included.
     """
@@ -104,9 +103,7 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
 
 
 def load_xml(text: str) -> ElementTree.Element:
-    """The root of XML text. Raises ElementTree.ParseError; CalibrationError for entities, which
-    could grow without bound.
-    """
+    """The root of XML text. Raises ElementTree.ParseError; CalibrationError for entities."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise CalibrationError(
             "its XML declares entities, which no calibration needs: remove the DOCTYPE"

@@ -148,9 +148,7 @@ def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoR
 
 
 def _refuse_nonsense(rig: StereoRig, score: LensScore) -> None:
-    """Raise CalibrationError for a rig that its own views contradict: pairs of other moments,
-    another target than was named.
-    """
+    """Raise CalibrationError for a rig that its own views contradict."""
     limit_px = max(MOST_ERROR_PX, rig.left.image_size[0] / 500)
     if not (rig.rms_px is not None and rig.rms_px < limit_px and score.row_error_px < limit_px):
         raise CalibrationError(

@@ -61,9 +61,8 @@ class FlatWindow:
 
 @dataclass(frozen=True, eq=False)
 class FlatPort:
-    """Flat windows before cameras that were calibrated in air. working_range_m: the distance before
-    the cameras that images are made exact for. Indices are relative to air, as published for water
-    and glass.
+    """Flat windows before cameras that were calibrated in air. working_range_m: the distance for
+    which images are made exact. Indices are relative to air, as published for water and glass.
     """
 
     left: FlatWindow
@@ -127,8 +126,7 @@ def seawater_index(
     with the pressure term of Schuster 2002 (The optical properties of the deep Mediterranean,
     thesis, Oxford), 1.45e-5 per bar.
 
-    Raises CalibrationError outside of this range (a little is let pass, for the Red Sea and the
-    poles).
+    Raises CalibrationError outside of this range (and a little: the Red Sea, the poles).
     """
     for name, value, low, high in (
         ("temperature_c", temperature_c, -2, 40),

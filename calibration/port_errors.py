@@ -1,6 +1,4 @@
-"""Range errors that a flat port causes, modeled or ignored: exact rays traced through it, compared
-with the rectification.
-"""
+"""Range errors of a flat port, modeled or ignored: exact rays against the rectification."""
 
 from dataclasses import dataclass
 
@@ -20,8 +18,7 @@ GRID = (17, 13)  # points over the image, columns and rows: errors of a port are
 
 @dataclass(frozen=True, eq=False)
 class PortError:
-    """Errors over the image at each depth_m (k,) before the rig; NaN where the cameras share no
-    view.
+    """Errors over the image at each depth_m (k,) before the rig; NaN without a shared view.
 
     range_error: root mean square, relative; row_error_px: root mean square difference of rows.
     """

@@ -1,6 +1,4 @@
-"""Rectification: how both cameras are turned, the image plane that they share, and images resampled
-onto it with aligned rows.
-"""
+"""Rectification: turns of both cameras, the shared image plane, and images with aligned rows."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -116,9 +114,7 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
 
 
 def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
-    """The inverse of rectified_points: where pixels (n, 2) of the images that are matched lie in
-    the raw left and right images.
-    """
+    """The inverse of rectified_points: pixels (n, 2) in the raw left and right images."""
     plan = plan_rectification(rig)
     pair, raw = plan.matching_pair, []
     left_camera, right_camera, _ = cameras_in_water(rig)
@@ -141,9 +137,8 @@ def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
     (0..3) that the baseline lies at.
 
     Upright: with the left camera turned by 45 degrees at most. 0: the right camera stands to the
-    right (+x), 1: below (+y),
-    2: to the left, 3: above. A right camera that is itself mounted turned by a quarter is turned
-    back first.
+    right (+x), 1: below (+y), 2: to the left, 3: above. A right camera mounted turned by a quarter
+    is turned back first.
     """
     turned_right = quarter_turn(-quarter_turns_of(T_right_left[:3, :3]))
     R, translation = turned_right @ T_right_left[:3, :3], turned_right @ T_right_left[:3, 3]
@@ -192,8 +187,7 @@ class Rectification:
 
     It has two geometries: for matching, images are rotated by multiples of 90 degrees so that the
     baseline is +x (``matching_pair``, ``apply_left``, ``apply_right``), and products are upright,
-    as the left camera saw the scene (``pair``, ``upright``). For a pair side by side both are the
-    same.
+    as the left camera saw the scene (``pair``, ``upright``). Side by side both are the same.
 
     Attributes:
         pair: The upright geometry.
@@ -278,8 +272,7 @@ class Rectification:
         return self._remap(image, self.maps_right, "right")
 
     def upright(self, array: Pixels) -> Pixels:
-        """Rotate an array in the geometry of the matched left image to the upright geometry
-        ``pair``.
+        """Rotate an array from the matched left image's geometry to the upright one, ``pair``.
 
         Args:
             array: (H, W) or (H, W, C).

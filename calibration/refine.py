@@ -1,5 +1,4 @@
-"""Estimation of what has moved in a rig since its calibration, from the vertical disparity of a
-dive's matches.
+"""Estimation of what has moved in a rig since its calibration, from vertical disparity on a dive.
 
 Only the right camera is moved, against the left: its rotation and its focal length. A rotation
 about the baseline's axis (pitch) and a vertical offset of the principal point look the same to a
@@ -67,8 +66,7 @@ def refine_matches(
 ) -> StereoRig:
     """The rig with what has moved estimated from matches in raw pixels of image pairs of a dive.
 
-    Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with
-    standard errors.
+    Twelve pairs are enough. The rig's ``refinement`` says what has moved, with standard errors.
 
     All parameters are estimated, each as far as rows outweigh the given calibration. The
     calibration stays as it is where pairs left out of the fit agree better with it.
@@ -205,9 +203,7 @@ def _solve(rig: StereoRig, pairs: list[Matches], start: Array | None = None) -> 
 
 
 def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Array]:
-    """The vertical disparities of all matches as a function of the values, their rays computed
-    once; linear in the scale.
-    """
+    """The vertical disparities of all matches by the values, from rays computed once."""
     left, right, T = cameras_in_water(rig)
     to_matching = plan_rectification(rig).R_right_matching
     rays_left = left.rays(np.concatenate([pair.left for pair in pairs]))

@@ -13,8 +13,7 @@ def jackknife(estimates: Array) -> Array:
     """Compute standard errors (...) from estimates (groups, ...) without one group each (Efron
     1982, The Jackknife, ch. 3).
 
-    Unlike those of least squares they hold where the errors of a group are alike: a target bent, a
-    shutter late.
+    Unlike those of least squares they hold where a group's errors are alike: a bent target.
     """
     groups = len(estimates)
     return np.asarray(np.sqrt((groups - 1) * estimates.var(axis=0)))

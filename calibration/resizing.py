@@ -45,9 +45,7 @@ def refuse_other_resolution(rig: StereoRig, where: str) -> None:
 
 
 def resize_factor(calibrated: Size, images: Size) -> float | None:
-    """Compute the size of the images over that of the calibration; None if it is not the same along
-    both sides: a cut-out.
-    """
+    """The size of the images over the calibration's; None if it differs along the sides."""
     factor = images[0] / calibrated[0]
     return (
         factor if abs(calibrated[1] * factor - images[1]) < ROUNDING_PX * max(1.0, factor) else None

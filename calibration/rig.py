@@ -271,9 +271,7 @@ GRAY_TAKEN = "the gray cameras are used, because the images are gray"
 
 
 def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
-    """Select, of a file that holds two rigs, the one that took images in color, or in gray; other
-    rigs are returned as they are.
-    """
+    """Of a file with two rigs, the one of images in color, or in gray; others unchanged."""
     if rig.reading != COLOR_TAKEN or not rig.alternatives:
         return rig
     return rig.alternatives[0] if monochrome else replace(rig, alternatives=())
@@ -312,9 +310,8 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
         )
     if baseline_m < MIN_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m is impossible: the unit must be "
-            "meters (OpenCV's stereo_calib sample writes board squares unless told their "
-            "size)"
+            f"T_right_left: a baseline of {baseline_m:g} m is impossible: the unit must be meters "
+            "(OpenCV's stereo_calib sample writes board squares unless told their size)"
         )
     center_right_in_left = -R.T @ translation_m
     if abs(center_right_in_left[2]) > 2 * np.hypot(*center_right_in_left[:2]):
@@ -330,9 +327,7 @@ _COSINES = (1.0, 0.0, -1.0, 0.0)
 
 
 def quarter_turn(turns: int) -> Array:
-    """The exact rotation about the optical axis by ``turns`` times 90 degrees, x towards y
-    (clockwise in an image): (3, 3).
-    """
+    """The exact rotation about the optical axis by ``turns`` quarters, x towards y: (3, 3)."""
     cosine, sine = _COSINES[turns % 4], _COSINES[(turns - 1) % 4]
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 

@@ -77,8 +77,7 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
             "calibrated in air: behind a flat port under water, ranges are wrong by about a "
-            "quarter; calibrate in water, or describe the port: "
-            f"{DESCRIBE_PORT}"
+            f"quarter; calibrate in water, or describe the port: {DESCRIBE_PORT}"
         )
     return tuple(found)
 

@@ -1,7 +1,6 @@
 """Rigid transforms as (..., 4, 4) matrices, p_target = T_target_source @ p_source, and rotations.
 
-scipy.spatial takes as long to import as a pair to match, so that only the functions that need it
-import it.
+scipy.spatial takes as long to import as a pair to match: only functions that need it import it.
 """
 
 import numpy as np
@@ -40,9 +39,7 @@ def rotation_vector(R: Array) -> Array:
 
 
 def rotation_from_vector(vector: Array) -> Array:
-    """(..., 3, 3) rotations of axis times angle (..., 3), by Rodrigues' formula, in forms that hold
-    for an angle of zero.
-    """
+    """(..., 3, 3) rotations of axis times angle (..., 3), by Rodrigues' formula, zero included."""
     vector = np.asarray(vector, np.float64)
     x, y, z = np.moveaxis(vector, -1, 0)
     none = np.zeros_like(x)

@@ -63,8 +63,7 @@ def common_view(cameras: list[tuple[AnyCamera, Array]]) -> View:
 
 
 def whole_view(left: tuple[AnyCamera, Array], right: tuple[AnyCamera, Array], along: int) -> View:
-    """The image that shows all that the left camera sees, as fine as the raw one, with empty
-    corners.
+    """The image that shows all that the left camera sees, as fine as the raw one, corners empty.
 
     along: the axis (0 = x, 1 = y) of the baseline; along it the right camera's view is shown too,
     where its matches lie.

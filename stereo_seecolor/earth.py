@@ -21,8 +21,7 @@ def north_east_from_degrees(
     """Convert to meters north and east of the origin, (N, 2): transverse Mercator at the origin, to
     second order in longitude.
 
-    Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm of the full projection over
-    a kilometer.
+    Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm over a kilometer.
     """
     latitude, longitude = (
         np.radians(np.asarray(latitude_deg, np.float64)),

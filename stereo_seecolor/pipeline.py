@@ -1,5 +1,4 @@
-"""START HERE: one pair through all stages. ``commands/run.py`` takes all pairs of a dive through
-the same steps.
+"""START HERE: one pair through all stages. ``commands/run.py`` does so for a dive.
 
 A pair is read, rectified onto one image plane, and matched to a range map (``measure``). A water is
 fitted to its colors over range, and removed (``correct``). ``process`` does these steps in memory,

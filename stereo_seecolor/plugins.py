@@ -1,5 +1,4 @@
-"""Parts that packages add to the program by entry points: the extras of this package, and those of
-third parties.
+"""Parts that packages add to the program by entry points: extras of this one, and third parties'.
 
 An entry point of the group ``stereo_seecolor.GROUP`` names an object of the kind that
 docs/extending.md describes for that group.

@@ -4,7 +4,7 @@ for unknown values.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -51,8 +51,7 @@ class Capture:
     def relative_exposure(self) -> float | None:
         """Brightness of a scene up to a constant of the camera: exposure_s gain / aperture^2.
 
-        Values that are not recorded are taken to be constant; None where neither exposure nor gain
-        is recorded.
+        What is not recorded counts as constant; None where neither exposure nor gain is recorded.
         """
         if self.exposure_s is None and self.gain is None:
             return None
@@ -160,28 +159,12 @@ class RangeMap:
         Returns:
             The range map of the results.
         """
-        maps = (
-            self.disparity,
-            self.depth_m,
-            self.range_m,
-            self.range_std_m,
-            self.confidence,
-            self.filled,
-        )
-        disparity, depth_m, range_m, range_std_m, confidence, filled = (
-            function(values) for values in maps
-        )
-        return RangeMap(
-            disparity,
-            depth_m,
-            range_m,
-            range_std_m,
-            confidence,
-            filled,
-            self.warnings,
-            self.vertical_px,
-            self.right_sharpness,
-        )
+        maps: dict[str, Any] = {
+            one.name: function(values)
+            for one in fields(self)
+            if isinstance(values := getattr(self, one.name), np.ndarray)
+        }
+        return replace(self, **maps)
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":
@@ -316,8 +299,7 @@ class SurveyFrame:
     right_sharpness: float = math.nan
 
     def scaled(self, scale: float) -> "SurveyFrame":
-        """The frame with its ranges multiplied, for a rig whose scale is known better than by
-        calibration.
+        """The frame with its ranges multiplied, where a better scale of the rig is known.
 
         Args:
             scale: Factor.
@@ -456,9 +438,7 @@ class FrameRow:
         return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
 
     def then(self, later: "FrameRow") -> "FrameRow":
-        """This row and that of a later stage as one: seconds are added, repeated warnings dropped;
-        kept only if both were.
-        """
+        """This row and a later stage's as one: seconds added, warnings once; kept if both were."""
         seconds = {
             key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0)
             for key in self.seconds | later.seconds

@@ -21,8 +21,7 @@ WRONG_PAIR_RATIO = 5.0  # times the median, where the guess itself is poor
 def without_outliers(
     views: list[TargetView], target: Target, lenses: Sequence[Lens]
 ) -> tuple[list[TargetView], list[ViewReport], list[Bundle]]:
-    """The views that fit one rig, the others with the reason, and the fits of these lenses to the
-    first.
+    """The views that fit one rig, why others do not, and the fits of these lenses to the first.
 
     First the pairs that most others contradict, by each camera alone; then the worst of a common
     fit, again and again until none stands out, so that a bad view cannot make a good one look bad.

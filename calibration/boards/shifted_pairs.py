@@ -103,9 +103,7 @@ def _rig_of_pair(
     cameras: tuple[Camera, Camera],
     target: Target,
 ) -> Array | None:
-    """(4, 4) from left to right axes if the left image of a pair and the right one ``step`` pairs
-    later were of one moment.
-    """
+    """(4, 4) from left to right axes if left images and right ones ``step`` pairs later belong."""
     if not 0 <= number + step < len(views):
         return None
     left, right = views[number].left, views[number + step].right

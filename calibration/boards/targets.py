@@ -56,9 +56,7 @@ class Chessboard:
 
 @dataclass(frozen=True)
 class Charuco:
-    """A ChArUco board of columns x rows squares; sides in meters; dictionary: OpenCV's name without
-    DICT_, such as 5X5_100.
-    """
+    """A ChArUco board of columns x rows squares; sides in meters; dictionary: such as 5X5_100."""
 
     dictionary: str
     columns: int
@@ -83,9 +81,7 @@ class Charuco:
         return board
 
     def detect(self, image: NDArray[np.uint8]) -> Corners | None:
-        """The corners seen in a gray image (H, W), of either layout, or None if they are fewer than
-        8 or all in one line.
-        """
+        """The corners in a gray image (H, W), of either layout; None if too few or in one line."""
         found = max(
             (self._detect(image, legacy) for legacy in (False, True)),
             key=lambda corners: corners.ids.size,
@@ -153,9 +149,7 @@ def parse_target(text: str) -> Target:
 
 
 def _of_kalibr(file: Section) -> Target:
-    """The target of a file that Kalibr takes with ``--target``; its lengths are in meters, the
-    space as a fraction of a tag.
-    """
+    """The target of a file as Kalibr takes; lengths in meters, the space as a fraction of a tag."""
     kind, text = file.text(file.first("target_type")), file.where
     if kind == "aprilgrid":
         counts = [
@@ -254,11 +248,9 @@ def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray
 def _refine(
     image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int
 ) -> NDArray[np.float64]:
-    """Corners to a fraction of a pixel, in the largest window that never reaches the neighboring
-    corner.
+    """Corners to sub-pixel, in the largest window that never reaches the neighboring corner.
 
-    cornerSubPix beats the sector-based detector's own refinement by a third on small, compressed
-    images.
+    cornerSubPix beats the detector's own refinement by a third on small, compressed images.
     """
     grid = pixels.reshape(-1, columns, 2)
     nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))

@@ -1,7 +1,6 @@
 """Basalt's calibration.json: T_imu_cam (camera to IMU) as position and quaternion.
 
-Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the pinhole or fisheye that is
-nearest.
+Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the nearest pinhole or fisheye.
 """
 
 from collections.abc import Callable
@@ -43,9 +42,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig of the two cameras. Raises CalibrationError for another number of cameras, or a lens
-    model without an equal here.
-    """
+    """The rig. Raises CalibrationError for other than two cameras, or an unknown lens model."""
     whole = document.section("value0")
     poses, lenses = (_two(whole, key) for key in ("T_imu_cam", "intrinsics"))
     sizes = whole.numbers("resolution", 4).reshape(2, 2).astype(int).tolist()

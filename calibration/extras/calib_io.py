@@ -1,6 +1,4 @@
-"""calib.io's JSON: the lens of OpenCV with f and fy/f, and each camera's transform, of which the
-images decide the sense.
-"""
+"""calib.io's JSON: OpenCV's lens, and each camera's transform, in the sense that images decide."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,6 +1,4 @@
-"""Luxonis' JSON of an OAK camera's EEPROM (``eepromToJson``): a camera a socket, extrinsics to
-another socket, centimeters.
-"""
+"""Luxonis' JSON of an OAK camera's EEPROM (``eepromToJson``): extrinsics in centimeters."""
 
 import numpy as np
 from numpy.typing import NDArray

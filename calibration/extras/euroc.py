@@ -23,8 +23,7 @@ def matches(document: Section) -> bool:
 def parse(left: Section, right: Section) -> StereoRig:
     """The rig of two cameras of one body.
 
-    Raises CalibrationError where the files' names and the geometry both say that left and right are
-    swapped.
+    Raises CalibrationError where names and geometry both say that left and right are swapped.
     """
     T_body_left, T_body_right = (side.matrix("T_BS", 4, 4) for side in (left, right))
     with naming(f"{right.where}: T_BS"):

@@ -1,6 +1,4 @@
-"""Middlebury's calib.txt (2014 and later): a rectified pair, baseline in millimeters, doffs = cx of
-the right minus the left.
-"""
+"""Middlebury's calib.txt (2014 and later): a rectified pair, millimeters, doffs = cx1 - cx0."""
 
 import numpy as np
 

@@ -1,5 +1,4 @@
-"""SeaGIS's .cam, one file a camera: interior and exterior orientation in the photogrammetric
-convention.
+"""SeaGIS's .cam, one file a camera: interior and exterior orientation of photogrammetry.
 
 The layout as CAL and EventMeasure write it: "CAM", a version, two texts, pixel sizes in mm, rows
 and columns, and a matrix of 16 numbers: principal point xp yp and distance c (mm), k3 k5 k7 (mm^-2
@@ -45,9 +44,7 @@ Y_DOWN = np.diag([1.0, -1.0, -1.0])  # photogrammetric axes look along -z with y
 
 
 def decode(raw: bytes) -> dict[str, Any] | None:
-    """The fields of one .cam file; None for other files. Raises CalibrationError if it is damaged,
-    or holds no exterior orientation.
-    """
+    """The fields of one .cam file; None for other files. Raises CalibrationError if damaged."""
     if not raw.startswith((b"CAM", b"CBL")) or len(raw) < 4 or raw[3] >= 32:
         return None
     if raw.startswith(b"CBL"):

@@ -55,9 +55,7 @@ class CameraFormat:
 
 
 def added_formats() -> dict[str, RigFormat | CameraFormat]:
-    """The formats that packages add, by name. Raises CalibrationError for a package that adds
-    something else, or cannot be loaded.
-    """
+    """The formats that packages add, by name. Raises CalibrationError for a broken package."""
     return {
         name: plugins.load(GROUP, name, CalibrationError, (RigFormat, CameraFormat))
         for name in plugins.added(GROUP)

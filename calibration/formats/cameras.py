@@ -34,9 +34,7 @@ def known_lens(section: Section, key: str, known: Iterable[str], usual: str = ""
 
 
 def five_coefficients(camera: Camera, side: str, program_has: str) -> NDArray[np.float64]:
-    """k1 k2 p1 p2 k3. Raises CalibrationError for a model that has more. program_has: which program
-    holds these, for the message.
-    """
+    """k1 k2 p1 p2 k3. Raises CalibrationError for a model of more; program_has: for the message."""
     if camera.model == "fisheye" or camera.distortion[5:].any():
         raise CalibrationError(
             f"{side}: {program_has}, but this {camera.model} camera has more: write native"

@@ -1,6 +1,4 @@
-"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; omni, ds, eucm and fov become the pinhole
-or fisheye that is nearest.
-"""
+"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; other models become the nearest known."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -126,9 +126,7 @@ def _find(document: Section) -> Section | None:
 
 
 def _gathered(section: Section) -> Section | None:
-    """The properties of stereoParameters where each was saved by itself, with the camera's number
-    in its name; None if not so.
-    """
+    """The properties of stereoParameters that were saved each by itself, numbered; else None."""
     cameras: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     rest: dict[str, Any] = {}
     for key, value in section.content.items():

@@ -86,9 +86,8 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         )
     if pose is None:
         raise CalibrationError(
-            f"{document.where}: contains no R and T between the cameras: also give the "
-            "extrinsics file, separated by a comma (two single-camera calibrations contain "
-            "no stereo geometry)"
+            f"{document.where}: contains no R and T between the cameras: also give the extrinsics "
+            "file, separated by a comma (two single-camera calibrations contain no stereo geometry)"
         )
     return _read_all_ways(document, parts, pose, image_size)
 

@@ -1,6 +1,4 @@
-"""Files with one lens and a baseline, of images that are rectified already: ``fx``, ``cx``, ``cy``,
-``baseline``, or a matrix.
-"""
+"""Files with one lens and a baseline of rectified images: ``fx``, ``cx``, ``cy``, ``baseline``."""
 
 import numpy as np
 

@@ -40,8 +40,7 @@ def matches(document: Section) -> bool:
 def parse(left: Section, right: Section) -> StereoRig:
     """The rig of a left and a right camera_info.
 
-    Raises CalibrationError where the cameras' names and the geometry both say that left and right
-    are swapped.
+    Raises CalibrationError where names and geometry both say that left and right are swapped.
     """
     rotations = [
         side.matrix(side.first("rectification_matrix", "R", "r"), 3, 3) for side in (left, right)
@@ -83,8 +82,7 @@ def upright(P: NDArray[np.float64]) -> NDArray[np.float64]:
     """A projection (3, 4) with positive focal lengths, in axes that are turned by 180 degrees where
     they were negative.
 
-    OpenCV's stereoRectify writes negative ones where it turns the axes: both stand for the same
-    pixels.
+    OpenCV's stereoRectify writes negative ones where it turns the axes; both are the same pixels.
     """
     return np.column_stack([P[:, :3] @ TURNED, P[:, 3]]) if P[0, 0] < 0 and P[1, 1] < 0 else P
 
@@ -116,9 +114,7 @@ def transform_of_projections(
 def rectified_rig(
     where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]
 ) -> StereoRig:
-    """The rig of images that are rectified already, from their projections (3, 4), left first.
-    where: the file, for messages.
-    """
+    """The rig of rectified images from their projections (3, 4), left first. where: the file."""
     projections = [upright(P) for P in projections]
     left, right = (
         make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections

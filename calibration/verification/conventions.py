@@ -27,8 +27,7 @@ UNDECIDED = "the images do not decide, and the most common reading is used"
 
 
 def resolve_convention(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
-    """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how it
-    was chosen.
+    """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how.
 
     The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough
     points in both images.

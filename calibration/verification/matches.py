@@ -166,9 +166,7 @@ def _match_near_rows(first: Described, second: Described, limits: MatchLimits) -
 
 
 def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int64]:
-    """(n,) index of the nearest point ``among`` (m, 2) to each of ``points`` (n, 2); -1 where none
-    lies within that distance.
-    """
+    """(n,) index of the nearest ``among`` (m, 2) to ``points`` (n, 2); -1 beyond that distance."""
     if not len(among):
         return np.full(len(points), -1)
     apart = np.hypot(points[:, None, 0] - among[None, :, 0], points[:, None, 1] - among[None, :, 1])
@@ -197,9 +195,7 @@ def raw_match(
 
 
 def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
-    """Points of the raw images that look alike, good to a pixel, wherever they lie and however they
-    are turned; some are wrong.
-    """
+    """Points of raw images that look alike, good to a pixel, however turned; some are wrong."""
     at_left, at_right = _alike(
         *(describe(clear(to_gray(image)), MATCH_LIMITS) for image in (left, right))
     )

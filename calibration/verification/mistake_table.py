@@ -73,8 +73,7 @@ def _exchanged(rig: StereoRig) -> StereoRig:
 
 
 def rectified_like(rig: StereoRig) -> StereoRig:
-    """A rig of rectified images, of this one's baseline; its focal length and center are not those
-    of the images.
+    """A rig of rectified images, of this one's baseline; focal length and center are not theirs.
 
     Raises CalibrationError for a rig without distortion, of which a moved camera comes to the same.
     """

@@ -55,8 +55,7 @@ LIMITS = MotionLimits()
 
 @dataclass(frozen=True)
 class Motion:
-    """What the motion between couples of pairs tells of the calibration; couples: 0 where too few
-    show the same.
+    """What the motion between couples of pairs tells of the calibration; couples: 0 for too few.
 
     offset_px: to be added to all disparities; focal: the true focal length over the calibrated one,
     less 1, NaN where it is not seen. range_error: of ranges at the median disparity by both,
@@ -146,10 +145,9 @@ class Motion:
         if not (self.is_known or self.is_found):
             return (
                 "not seen: images shifted along the baseline (a pixel changes ranges by "
-                f"{self.pixel_error:.1%} for each meter of "
-                "range), a focal length wrong in both cameras, a wrong baseline: rows do not "
-                "show them, and too few neighboring pairs show "
-                "the same bottom: compare a known length by stereo-seecolor measure or markers"
+                f"{self.pixel_error:.1%} for each meter of range), a focal length wrong in both "
+                "cameras, a wrong baseline: rows do not show them, and too few neighboring pairs "
+                "show the same bottom: compare a known length by stereo-seecolor measure or markers"
             )
         over = [
             f"disparities change by {amount_px:+.1f} +- {std_px:.1f} px at the {edge} edge of the "

@@ -1,6 +1,4 @@
-"""Rigid motions between neighboring pairs, fitted together with what is wrong with all disparities
-and with the focal length.
-"""
+"""Rigid motions between neighboring pairs, fitted with errors of disparity and focal length."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,8 +48,7 @@ SETTINGS = FitSettings()
 
 @dataclass(frozen=True, eq=False)
 class SeenTwice:
-    """The same n points at two moments: (n, 3) pixels x and y from the principal point, and
-    disparity.
+    """The same n points at two moments: (n, 3) pixels x, y from the principal point, disparity.
 
     rows_px: (n, 2) right minus left row at both moments; 0 unless stated otherwise.
     """

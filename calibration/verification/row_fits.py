@@ -1,6 +1,4 @@
-"""Robust fits of the vertical disparity over the image: wrong matches, and the offset, scale and
-roll that explain the others.
-"""
+"""Robust fits of the vertical disparity over the image: offset, scale and roll; outliers."""
 
 import numpy as np
 from numpy.typing import NDArray

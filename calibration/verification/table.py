@@ -1,5 +1,4 @@
-"""The table of causes: what may differ between a calibration and the images of a dive, each with an
-amount.
+"""What may differ between a calibration and the images of a dive, each with an amount.
 
 ``causes`` tests them against each other on rows and motion. The length of the baseline is not in
 the table: no image shows it.
@@ -43,8 +42,7 @@ class Amount:
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause whose effect is tested in proportion to its amount. text: with the amount and its
-    standard error.
+    """A cause tested in proportion to its amount. text: with the amount and its standard error.
 
     make: the rig that took the images, if an amount of it has happened to the calibrated one; None
     for shutters, which no rig has.

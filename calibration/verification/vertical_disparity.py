@@ -142,8 +142,7 @@ class RowCheck:
         """Tell whether rows agree in the images as they are, and neither after rectification nor
         after a movement of a camera.
 
-        A rig without distortion that has moved a little may come to the same: refined, it is right
-        either way.
+        A rig without distortion that has moved a little may come to the same; refined, it is right.
         """
         explained_px = min(self.row_error_px, self.unexplained_px)
         as_they_are = self.unrectified_px <= min(

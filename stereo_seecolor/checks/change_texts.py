@@ -42,8 +42,7 @@ def step_line(pairs: Sequence[Pair], first: int, changes: Changes, side: str) ->
         )
     return (
         f"from {here} on {what}: {cause}: ranges on one side of {here} are wrong by about "
-        f"{changes.range_error:.0%}: process both parts separately, each with its own "
-        "calibration"
+        f"{changes.range_error:.0%}: process both parts separately, each with its own calibration"
     )
 
 

@@ -47,8 +47,7 @@ Colors = NDArray[np.float64]
 
 
 def channel_order(images: DiveImages) -> DiveVerdict:
-    """The left images of which red and blue are exchanged against those before, the first and the
-    last.
+    """The left images of which red and blue are exchanged against those before, first and last.
 
     Of a single image other causes are as likely (another camera, light or scene), so that its
     colors alone are named.
@@ -61,7 +60,7 @@ def channel_order(images: DiveImages) -> DiveVerdict:
             after = _colors(images, pairs[last].left)
             if before is not None and _are_exchanged(before, after):
                 place = edge(first, last, _differs_from(first, images))
-                end = _last_exchanged(images, place, last, looked_at)
+                end = _last_exchanged(images, last, looked_at)
                 note = f"input: {_exchanged_text(pairs, place, end)}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
@@ -100,10 +99,9 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     name = pairs[first].left.name
     if first == last:
         return (
-            f"{name}: its red and blue fit the images before and after only if they are "
-            "exchanged: its channels may be in another order, or it shows another camera, "
-            "light or scene: look at it, and leave it out or bring it to the order of the "
-            "others"
+            f"{name}: its red and blue fit the images before and after only if they are exchanged: "
+            "its channels may be in another order, or it shows another camera, light or scene: "
+            "look at it, and leave it out or bring it to the order of the others"
         )
     which = (
         f"{name} and the following images"
@@ -117,9 +115,9 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     )
 
 
-def _last_exchanged(images: DiveImages, place: int, seen: int, looked_at: Sequence[int]) -> int:
-    """The last image in a row that is exchanged as the one at ``place`` is. seen: one that is known
-    to be; looked_at: the places that are compared with it.
+def _last_exchanged(images: DiveImages, seen: int, looked_at: Sequence[int]) -> int:
+    """The last image in a row that is exchanged as the one at ``seen`` is. looked_at: the places
+    that are compared with it.
     """
     end = len(images.pairs)
     for later in (one for one in (*looked_at, end - 1) if one > seen):

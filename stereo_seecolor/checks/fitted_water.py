@@ -31,9 +31,7 @@ ALIKE = 0.25
 
 
 def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ...]:
-    """A note where the ranges that the waters were fitted to are probably none in meters. given:
-    they were not measured here.
-    """
+    """A note where the ranges of the waters are probably not meters. given: not measured here."""
     different = [
         water
         for water in {id(water): water for water in waters.values()}.values()

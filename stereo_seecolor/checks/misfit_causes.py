@@ -56,9 +56,7 @@ def stalled_note(misfits: Sequence[tuple[int, Pair]], pairs: Sequence[Pair]) -> 
 def flipped_note(
     misfits: Sequence[tuple[int, Pair]], rectification: Rectification, config: InputConfig
 ) -> str:
-    """Name the side whose images fit only if they are turned or mirrored, the side alone where it
-    is clear; "" where neither is.
-    """
+    """Name the side whose images fit only turned or mirrored; "" where neither is."""
     looked_at = evenly_spaced([pair for _, pair in misfits], LOOKED_AT)
     points = sum((_flipped_points(pair, rectification, config) for pair in looked_at), Counter())
     (best, most), *_ = points.most_common(1) or [(("right", ""), 0)]

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, RANGES, DiveVerdict
 from stereo_seecolor.errors import InputError
@@ -141,9 +142,7 @@ def _map_edges(images: DiveImages, path: Path, cell_px: int) -> Array:
 
 def _cells(values: NDArray[np.float32], cell_px: int) -> Array:
     """Means of the known values of (H, W) in cells; NaN where none is."""
-    rows, columns = (length // cell_px for length in values.shape)
-    cut = values[: rows * cell_px, : columns * cell_px]
-    blocks = cut.reshape(rows, cell_px, columns, cell_px)
+    blocks = in_blocks(values, cell_px)
     with np.errstate(invalid="ignore"):  # 0 / 0
         mean = np.nansum(blocks, axis=(1, 3)) / np.isfinite(blocks).sum(axis=(1, 3))
     return np.asarray(mean, np.float64)

@@ -103,9 +103,8 @@ def constant_shift(pairs: Sequence[Pair], rectification: Rectification, config: 
         )
     return (
         f"left and right are {counted(abs(shifts.pop()), 'image')} out of synchronization: "
-        f"{example}, the same in {counted(len(sample), 'pair')} over the dive: number both "
-        "sides equally, or correct the clock in the names of one side (for videos: "
-        "input.video_offset_s)"
+        f"{example}, the same in {counted(len(sample), 'pair')} over the dive: number both sides "
+        "equally, or correct the clock in the names of one side (for videos: input.video_offset_s)"
     )
 
 
@@ -143,8 +142,7 @@ def _slip(
     """Which pair a slip of the pairing begins with, as where one side lost an image; None where the
     failed pairs show none.
 
-    misfits: the failed pairs with their places, of which nearly all from the first to the last one
-    failed.
+    misfits: the failed pairs with their places; nearly all between the first and the last failed.
     """
     if len(misfits) < _LIMITS.slip_pairs or len(misfits) < _LIMITS.slip_fraction * (
         misfits[-1][0] - misfits[0][0] + 1
@@ -174,9 +172,7 @@ def _slips(
     rectification: Rectification,
     config: InputConfig,
 ) -> str | None:
-    """The parts of a dive that are out of step, as where both sides lost images of their own; None
-    for less than two parts.
-    """
+    """The parts of a dive that are out of step, as by lost images; None for less than two."""
     parts = [
         (first, last)
         for first, last in consecutive_intervals(place for place, _ in misfits)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, RANGES, DiveVerdict
 from stereo_seecolor.color.table.encoding import decoded_values
@@ -152,19 +153,15 @@ def _compared(image: Image, values: Array, images: DiveImages) -> _RankCorrelati
 
 def _blocks(values: Array) -> Array:
     """(rows, columns, n) the pixels of each block of (H, W)."""
-    rows, columns = (length // BLOCK_PX for length in values.shape)
-    cut = values[: rows * BLOCK_PX, : columns * BLOCK_PX]
-    blocks = cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2)
-    return blocks.reshape(rows, columns, BLOCK_PX**2)
+    blocks = in_blocks(values, BLOCK_PX).swapaxes(1, 2)
+    return blocks.reshape(*blocks.shape[:2], BLOCK_PX**2)
 
 
 def _rank_correlation(one: Array, other: Array) -> float:
     """Spearman's; NaN where one of both does not change."""
     if min(np.ptp(one), np.ptp(other)) < TINY:
         return float("nan")
-    ranks = np.array([values.argsort().argsort() for values in (one, other)], np.float64)
-    ranks -= ranks.mean(axis=1, keepdims=True)
-    return float((ranks[0] @ ranks[1]) / (ranks[0] @ ranks[0]))
+    return float(np.corrcoef([values.argsort().argsort() for values in (one, other)])[0, 1])
 
 
 def _is_in_steps(values: Array) -> bool:

@@ -85,9 +85,7 @@ def evenly_spaced(items: Sequence[Item], most: int) -> list[Item]:
 
 
 def edge(inside: int, outside: int, is_outside: Callable[[int], bool]) -> int:
-    """The place nearest to ``inside``, which is not outside, that is; by halves. inside may lie
-    before or after ``outside``.
-    """
+    """The place nearest to ``inside`` that is outside, by halves, before or after it."""
     while abs(outside - inside) > 1:
         middle = (inside + outside) // 2
         if is_outside(middle):
@@ -136,9 +134,7 @@ def matching_threads(image_size: tuple[int, int]) -> Threads:
 def neighbors(
     pairs: Sequence[Pair], images: InputConfig
 ) -> Iterator[Iterator[tuple[Image, Image]]]:
-    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow
-    it, for ``find_motion``.
-    """
+    """The images of COUPLES pairs, spread over the dive, and of their followers."""
     for pair in evenly_spaced(pairs[:-1], COUPLES):
         place = pairs.index(pair)
         near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.checks.sample import SIDES_OF, DiveImages, ends_of_part, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
@@ -134,11 +135,9 @@ def shifted_mosaic(images: DiveImages) -> DiveVerdict:
 
 
 def _is_off_by_one(image: Image) -> bool:
-    rows, columns = (length // BLOCK_PX for length in image.shape[:2])
-    if not rows or not columns:
+    blocks = in_blocks(image, BLOCK_PX).astype(np.float64)
+    if not blocks.size:
         return False
-    blocks = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float64)
-    blocks = blocks.reshape(rows, BLOCK_PX, columns, BLOCK_PX, 3)
     red, green, blue = np.moveaxis(blocks.mean(axis=(1, 3)), 2, 0)
     apart = min(np.median(np.abs(red - green)), np.median(np.abs(blue - green)))
     if np.median(np.abs(red - blue)) >= ALIKE_GREEN * apart:

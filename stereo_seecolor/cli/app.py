@@ -56,9 +56,7 @@ def every_command() -> dict[str, Command]:
 
 
 def _needed(words: Sequence[str]) -> dict[str, Command]:
-    """The commands that a command line may mean: one where its first word names it, else all, for
-    the help and for suggestions.
-    """
+    """The commands that a command line may mean: the one that its first word names, else all."""
     named = next((word for word in words if not word.startswith("-")), "")
     if named in CORE:
         return {named: CORE[named]}

@@ -20,8 +20,7 @@ def prepare_streams() -> None:
 
 
 def write_out(text: str) -> None:
-    """Write to standard output at once, without the control characters that names and files may
-    hold.
+    """Write to standard output at once, without control characters of names and files.
 
     Raises OutputError where that fails, BrokenPipeError where the reader has closed it.
     """

@@ -21,9 +21,8 @@ Target = Annotated[
     opt.option(
         "--target",
         "TARGET",
-        "chessboard:9x6:24.23mm (inner corners), charuco:5X5_100:11x8:30mm:22mm "
-        "(squares, marker), aprilgrid:6x6:88mm:26.4mm (tags, space), or a Kalibr target "
-        "file.",
+        "chessboard:9x6:24.23mm (inner corners), charuco:5X5_100:11x8:30mm:22mm (squares, marker), "
+        "aprilgrid:6x6:88mm:26.4mm (tags, space), or a Kalibr target file.",
     ),
 ]
 TargetLeft = Annotated[

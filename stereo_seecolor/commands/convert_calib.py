@@ -40,8 +40,7 @@ def convert_calib(
     size: str | None = None,
     resize: str | None = None,
 ) -> ConvertedCalibration:
-    """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the
-    same.
+    """Read ``source`` in any known format and write it as ``to``; rays of pixels stay the same.
 
     size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that
     were binned or resized since.

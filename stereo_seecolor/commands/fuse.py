@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 
 def check_fusion(poses: Path | None, config: RunConfig) -> tuple[Path, ...]:
-    """Check libraries and trajectory before the first frame is measured. Returns the files that a
-    fusion reads.
+    """Check libraries and trajectory before the first frame is measured. Returns the files to read.
 
     Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for
     a bad trajectory.
@@ -49,8 +48,7 @@ def fuse(
     listener: Listener | None = None,
     compute: Compute | None = None,
 ) -> "MapSummary":
-    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and the products in the
-    settings.
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and the chosen products.
 
     An earlier map is replaced when the new one is complete.
 

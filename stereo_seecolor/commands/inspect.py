@@ -188,9 +188,8 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
     )
     if left.bits == right.bits == FLOAT_BITS:
         raise InputError(
-            f"{sides.left} and {sides.right}: contain floating-point numbers, but images need 8 "
-            "or 16 bits per channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times "
-            "65535)"
+            f"{sides.left} and {sides.right}: contain floating-point numbers, but images need 8 or "
+            "16 bits per channel: save them as 16-bit PNG or TIFF (values of 0 to 1 times 65535)"
         )
     if FLOAT_BITS in (left.bits, right.bits):
         command = shlex.join(
@@ -221,9 +220,7 @@ def _wrong_ranges(sides: Sides, tested: Tested) -> frozenset[Numbers]:
 
 
 def _doubtful(sides: Sides, tested: Tested) -> bool:
-    """Whether the two folders may not be two sides: no name says so, and their sample pairs have
-    too few points in common.
-    """
+    """Whether the folders may not be two sides: no name says so, and few points in common."""
     return (
         sides.guessed
         and tested.facts is not None
@@ -238,8 +235,7 @@ def command_line(
     """The ``run`` command for the files found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand
     for missing ones.
 
-    It exchanges sides that are swapped, refines a rig of which a camera has moved, and sets limits
-    of range.
+    It exchanges sides that are swapped, refines a rig that has moved, and sets limits of range.
     """
     rows = tested.rows
     calib = (

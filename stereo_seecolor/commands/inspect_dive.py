@@ -38,9 +38,7 @@ files (of the sample dive).
 
 @dataclass(frozen=True)
 class Misfit:
-    """A pair whose images do not show one scene. fits: the pair nearby whose right image fits this
-    left one, None if none does.
-    """
+    """A pair whose images do not show one scene. fits: the pair with the right image, if any."""
 
     pair: str
     fits: str | None

@@ -26,9 +26,7 @@ LARGEST_BYTES = 100_000_000
 
 @dataclass(frozen=True)
 class FoundPoses:
-    """A trajectory. poses: number of finite ones. pairs: number of pairs that have one of them; by:
-    "name", "time" or "order".
-    """
+    """A trajectory. poses: finite ones. pairs: with one; by: "name", "time" or "order"."""
 
     path: Path
     format: str

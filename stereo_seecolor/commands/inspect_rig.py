@@ -33,9 +33,7 @@ class FoundCalibration:
 
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
-    """All calibrations in the places. Those for images of ``size`` (width, height) come first, each
-    group in natural order.
-    """
+    """All calibrations in the places, those for images of ``size`` (width, height) first."""
     paths = _all_candidates(places)
     found = [one for path in paths if (one := _try_load(path, size))]
     folders = sorted(_folders(places, paths) - {one.path.parent for one in found})
@@ -78,9 +76,7 @@ def _all_candidates(places: Sequence[Path]) -> list[Path]:
 def candidates(
     places: Sequence[Path], extensions: Collection[str], largest_bytes: int
 ) -> set[Path]:
-    """Files that may be of a kind: places that are files, and files of these extensions up to
-    DEEPEST folders below the others.
-    """
+    """Files that may be of a kind: the places, and files with extensions up to DEEPEST below."""
     return {path for place in places for path in _in_place(place, extensions, largest_bytes)}
 
 

@@ -12,8 +12,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 
 
 def report(out: Path, listener: Listener | None = None, *, charts: bool = False) -> PageSummary:
-    """Write ``out``/index.html and its files, ``out``/page. The page needs neither a network nor
-    the program.
+    """Write ``out``/index.html and its files, ``out``/page. It needs no network and no program.
 
     Only what changed since an earlier page is made. charts: search all frames for color charts,
     which takes seconds a frame, and compare the views of the same spots; later pages of the same

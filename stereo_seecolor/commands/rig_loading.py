@@ -27,9 +27,7 @@ REFINING_PAIRS = 8
 
 
 def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
-    """The pairs of two sides as ``run`` takes them, of which videos are paired anew each time.
-    Raises InputError, DeviceError.
-    """
+    """The pairs of two sides as ``run`` takes them. Raises InputError, DeviceError."""
     if not (is_video(left) and is_video(right)):
         return pair_sides(left, right, images)
     pairing: Pairing = load("inputs", "videos").pair_again(left, right, images)
@@ -40,9 +38,8 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     """The rig of a calibration file. Where the file states no image size, it is that of the first
     image that can be read.
 
-    A file that can be read in several ways is not settled: the rig keeps its alternatives.
-    Raises InputError; CalibrationError, also where the first images all have another size than the
-    calibration's.
+    A file that can be read in several ways is not settled: the rig keeps its alternatives. Raises
+    InputError; CalibrationError, also where the first images all have another size.
     """
     lefts = _left_images(pairs, images)
     image = next(lefts)
@@ -72,9 +69,7 @@ def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
 
 
 def behind_port(rig: StereoRig, images: InputConfig) -> StereoRig:
-    """The rig, calibrated in air, behind the flat port of the settings; unchanged where they have
-    none. Raises CalibrationError.
-    """
+    """The rig behind the flat port of the settings, if they have one. Raises CalibrationError."""
     if images.flat_port is None:
         return rig
     if rig.port is not None:

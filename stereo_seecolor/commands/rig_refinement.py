@@ -27,8 +27,7 @@ def refined_for_dive(
     folder: RunFolder,
     options: RunOptions,
 ) -> tuple[StereoRig, str]:
-    """The rig refined with pairs of a dive, or the rig itself where refining makes it worse;
-    and a note.
+    """The rig refined with pairs of a dive, or itself where that is worse; and a note.
 
     An earlier run's rig is used as long as the calibration and the pairs that it was refined with
     are unchanged, even if the dive has more pairs now: all frames of a folder have one rig. Raises

@@ -52,8 +52,7 @@ def run(
     config: RunConfig | None = None,
     options: RunOptions | None = None,
 ) -> RunSummary:
-    """Compute range maps, true-color frames, clouds and tables from the pairs of a dive, in
-    ``out``.
+    """Compute range maps, true-color frames, clouds and tables of the pairs of a dive in ``out``.
 
     Args:
         left: Folder of the left images, a pattern (``DIVE/*_L.png``), or a video.

@@ -1,6 +1,4 @@
-"""The session of a run over the pairs of a dive: it locks OUT, and writes run.json, frames.csv and
-the page when the run ends.
-"""
+"""The session of a run over pairs: it locks OUT, and writes run.json, frames.csv, the page."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -155,8 +153,7 @@ class _Meter:
     def compared(self, summary: RunSummary, root: Path, plan: KeptPlan | None) -> RunSummary:
         """The summary with the planned and the measured cost.
 
-        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had
-        done a part.
+        Unchanged where OUT holds no plan for this dive, or the run did not do all of it.
         """
         if plan is None or summary.kept or summary.stopped:
             return summary

@@ -118,8 +118,7 @@ class StereoInputs:
         return self._opened(pairing.with_notes(notes), config)
 
     def open_in(self, folder: RunFolder, config: RunConfig) -> "Opened":
-        """The pairs of two videos, and the pipeline for their rig; OUT keeps which frames are
-        pairs.
+        """The pairs of two videos, and the pipeline for their rig; OUT keeps the choice.
 
         Raises as ``open``, and DeviceError if the library for videos is missing.
         """
@@ -220,8 +219,7 @@ def calibration_files(calib: str | Path) -> Iterator[Path]:
 
 
 def sample(path: Path) -> str:
-    """Hash of a dive's first image, or of pieces of its video, by which a dive is recognized in
-    another folder.
+    """Hash of a dive's first image, or of pieces of its video, by which it is recognized elsewhere.
 
     Raises InputError where the file cannot be read.
     """

@@ -24,8 +24,7 @@ class ViewResult:
 
 
 def view(out: Path) -> ViewResult:
-    """Show ``out``/index.html in the browser; where there is no page, the map in a window, as
-    ``view_map``.
+    """Show ``out``/index.html in the browser; without a page, the map as ``view_map``.
 
     A page is opened as it is: that of a stranger's folder is the stranger's until ``report`` makes
     it anew.
@@ -49,8 +48,7 @@ def view(out: Path) -> ViewResult:
 def view_map(out: Path) -> ViewResult:
     """Show ``out``/map/mesh.ply until the window is closed.
 
-    Raises InputError if there is no map; DeviceError if there is no viewer or no screen, or the
-    viewer fails.
+    Raises InputError if there is no map; DeviceError without a viewer or screen, or if it fails.
     """
     mesh = next(
         (path for path in (out / "map" / "mesh.ply", out / "mesh.ply") if path.is_file()), None

@@ -25,8 +25,7 @@ class Usage:
 
 
 class Compute(Protocol):
-    """Runs work on many items. The results do not depend on where it runs, or on the number of
-    workers.
+    """Runs work on many items. Results do not depend on where, or the number of workers.
 
     An exception of ``work`` ends the iteration and is raised in the caller; work under way is
     finished, and no more is begun.

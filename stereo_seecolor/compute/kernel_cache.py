@@ -194,11 +194,9 @@ class _Locator:
 
 
 class _KernelFiles(IndexDataCacheFile):
-    """numba's files, each begun with a SHA-256: of numba's version, of the sources, and of what
-    follows it.
+    """numba's files, each begun with a SHA-256: of numba's version, the sources, and what follows.
 
-    Each entry holds its key, too: two processes that write at once may give different entries one
-    name.
+    Each entry holds its key, too: two processes that write at once may give two entries one name.
     """
 
     def load(self, key: Any) -> Any:

@@ -47,8 +47,7 @@ class DeviceRanges(NamedTuple):
 
 
 class DeviceMatcher(Matcher):
-    """A Matcher whose pixels stay on a device: gray images, search, refinement, confidence and
-    ranges.
+    """A Matcher whose pixels stay on a device: gray, search, refinement, confidence, ranges.
 
     The processor gets the reduced images, for the search's bands and for the warnings. Engines
     other than ``sgm`` run as usual.

@@ -80,8 +80,7 @@ class Ranged:
     """A pair whose range is known. record: OUT's record of it. key: hash of all that its range
     depends on.
 
-    kept: True where an earlier run had measured it. measured: its pixels, where they were measured
-    just now.
+    kept: True where an earlier run had measured it. measured: its pixels, if measured just now.
     """
 
     pair: Pair
@@ -149,8 +148,7 @@ def _keep_pixels(frames: Frames, ranged: Ranged, image: Image, range_map: RangeM
 def count_colors(
     frames: Frames, light: Light | None, pair: Pair, clock: Clock
 ) -> tuple[FrameRow, MomentTable]:
-    """The row of a pair, and its moment table: its colors, without the light of the dive, counted
-    over range.
+    """The row of a pair, and its moment table: colors without the dive's light, over range.
 
     The table is an earlier run's, or counted now and kept.
     """
@@ -238,8 +236,7 @@ def correct_frame(
     pair: Pair,
     clock: Clock,
 ) -> tuple[FrameRow, None]:
-    """The row of a pair once its colors are corrected and written: by an earlier run with the same
-    inputs, or now.
+    """The row of a pair once its colors are corrected and written: now, or by an earlier run.
 
     usual: the water of all frames but ``others``.
     """

@@ -74,8 +74,7 @@ class DiveRanges:
 
 @dataclass(frozen=True, eq=False)
 class DiveLight:
-    """The light of a dive. light: None where none of it is used. content: for water.json; None with
-    it.
+    """The light of a dive. light: None where none of it is used. content: for water.json.
 
     linked: names of frames that show what the frame before them shows.
     """

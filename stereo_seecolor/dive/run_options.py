@@ -56,8 +56,7 @@ class RunOptions:
     notice: Callable[[str], None] = log.info
 
     def within_memory(self, pair_bytes: float) -> "RunOptions":
-        """The options with at most as many workers as free memory allows, with a notice if that is
-        fewer.
+        """The options with at most as many workers as free memory allows, with a notice if fewer.
 
         Args:
             pair_bytes: Memory that a pair takes. Workers of a cluster are not limited: they have

@@ -55,8 +55,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """A temporary path to write to, for libraries that write files themselves; it becomes ``path``
     when the block ends well.
 
-    Raises OutputError where the file cannot be written; OSError raised inside the block becomes
-    one.
+    Raises OutputError where the file cannot be written; OSErrors inside become one.
     """
     temporary = temporary_path(path)
     with output_errors(path):

@@ -41,8 +41,7 @@ def refuse_filled(folder: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder to write into, which becomes ``folder`` when the block ends well, and is removed
-    otherwise.
+    """A folder to write into, which becomes ``folder`` when the block ends well, else is removed.
 
     Raises OutputError if ``folder`` holds anything, or cannot be written.
     """

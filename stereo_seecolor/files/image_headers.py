@@ -51,8 +51,7 @@ def refuse_large(path: Path, width: int, height: int, channels: int = 1) -> None
 def image_size(content: bytes) -> tuple[int, int]:
     """Read (width, height) from the header of a complete PNG, JPEG, TIFF, BMP, PGM or PPM.
 
-    Raises ValueError, saying what is wrong, if the file is none of these, or is truncated or
-    damaged.
+    Raises ValueError, saying what is wrong, if it is none of these, truncated or damaged.
     """
     if content.startswith(PNG_SIGNATURE):
         return _png_size(content)

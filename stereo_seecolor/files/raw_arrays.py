@@ -40,8 +40,7 @@ def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path, count: int) -> list[NDArray[Any]] | None:
-    """Read the ``count`` arrays of a file; None where it was never written, or was removed or
-    truncated.
+    """Read the ``count`` arrays of a file; None where it is missing or truncated.
 
     They lie in the system's cache of the file, and are read from disk where they are used: a pass
     that looks at a part of a picture costs no more than that. The file may be deleted, not cut,

@@ -13,8 +13,7 @@ _HEADER = "# timestamp tx ty tz qx qy qz qw: the rectified left camera in the wo
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write one line for each pose, after a comment with the frame's name where it has one. Raises
-    OutputError.
+    """Write one line for each pose, after a comment with any frame's name. Raises OutputError.
 
     A pose without time gets its number as time.
     """

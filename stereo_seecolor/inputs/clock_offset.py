@@ -75,8 +75,7 @@ def _to_nearest(times_s: Array, others_s: Array) -> Array:
 
 
 def drift_notes(offsets_s: Sequence[float]) -> tuple[str, ...]:
-    """Say so if two cameras' clocks move against each other: the pairs that are still near enough
-    are then few.
+    """Say so if two cameras' clocks move against each other: few pairs are still near enough then.
 
     offsets_s: what the right clock is ahead, of each pair in the order of the dive.
     """

@@ -23,12 +23,10 @@ from stereo_seecolor.inputs.pairing import (
 
 
 def pair_sides(left: Path, right: Path, config: InputConfig) -> Pairing:
-    """The pairs of two sides: as pair_folders, or, where both are the same, the halves of each
-    image.
+    """The pairs of two sides as pair_folders, or, of one, the halves of each image.
 
     Of sides that are cut into folders in which names begin anew (``10h/0001.png``,
-    ``11h/0001.png``), the pairs of each folder, called after folder and name. Raises InputError as
-    pair_folders.
+    ``11h/0001.png``), each folder's pairs, called after both. Raises InputError as pair_folders.
     """
     lefts, rights = (
         _by_key(folder_parts(source), side) for source, side in ((left, "left"), (right, "right"))

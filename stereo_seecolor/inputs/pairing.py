@@ -42,11 +42,9 @@ SEVERAL = "several files are called"
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two files that belong together. name: of the outputs. timestamp_s: from the left file's name,
-    or None.
+    """Two files that belong together. name: of the outputs. timestamp_s: of the left name, or None.
 
-    place: number in the dive, and how many pairs the dive has, by which folders of many outputs are
-    cut.
+    place: number in the dive, and its pairs: by these folders of outputs are cut.
     """
 
     name: str

@@ -75,8 +75,7 @@ class Sides:
 
 
 def find_sides(places: Sequence[Path]) -> Sides:
-    """The two sides among ``places``: two folders, one or two videos, or a folder that holds them
-    somewhere.
+    """The two sides among ``places``: two folders, one or two videos, or a folder with them.
 
     Raises InputError if a place is missing, or if no two sides are found.
     """

@@ -52,8 +52,7 @@ def video_facts(path: Path) -> VideoFacts:
 
 
 def size_of_side(left: Path, right: Path) -> tuple[int, int]:
-    """(width, height) of the left camera's frames, pixels, of two videos, or of one that shows both
-    sides.
+    """(width, height) of the left camera's frames, pixels, of two videos, or one of both.
 
     Raises InputError, DeviceError.
     """

@@ -28,8 +28,7 @@ class ControlFit:
     """T: (4, 4) from the map's world to that of the control points. residuals_m: by marker. rms_m:
     of them.
 
-    doubt: which places the map contradicts by more than their standard errors, in a line; "" for
-    none.
+    doubt: which places the map contradicts by more than their standard errors, in a line.
     """
 
     T: Array
@@ -57,8 +56,7 @@ def control_fit(
     points: Mapping[int, Array],
     stds_m: Mapping[int, float] | None = None,
 ) -> ControlFit:
-    """Fit the rigid motion of the map to the surveyed points. stds_m: their standard errors, by
-    number.
+    """The rigid motion of the map to the surveyed points. stds_m: their standard errors, by number.
 
     Raises InputError if fewer than three were found, or they lie in line.
     """

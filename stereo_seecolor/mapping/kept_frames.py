@@ -100,8 +100,7 @@ KEY_LENGTH = 16
 
 
 def kept_folder(folder: Path, key: str) -> Path:
-    """Name the folder in ``folder`` for work made from inputs of this hash, and delete those of
-    other inputs.
+    """The folder in ``folder`` for work of inputs of this hash; those of others are deleted.
 
     So a worker that was slow to hear of a new run writes into a folder that nobody reads.
     """

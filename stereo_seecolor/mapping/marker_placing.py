@@ -1,5 +1,4 @@
-"""Markers in three dimensions: rays through the corners meet the plane that stereo measured on the
-marker.
+"""Markers in three dimensions: rays through corners meet the plane that stereo measured there.
 
 A corner's own range is as rough as any pixel's; the plane averages all of the marker, and the rays
 are known to a twentieth of a pixel.

@@ -52,8 +52,7 @@ PLACE = {
 class Places:
     """Surveyed places of markers by number: (3,) meters, z up, and standard errors.
 
-    origin: where (0, 0) lies, for places that were given as latitude and longitude; x is east and y
-    north of it.
+    origin: where (0, 0) lies, of places in latitude and longitude; x is east and y north of it.
     """
 
     points: dict[int, Array]
@@ -96,8 +95,7 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
 
 
 def read_places(path: Path, origin: GeoOrigin | None = None) -> Places:
-    """Surveyed places. origin: for latitudes and longitudes; that of the first marker where it is
-    None.
+    """Surveyed places. origin: for latitudes and longitudes; None: the first marker.
 
     Raises InputError, naming the line, also for degrees in the columns of meters.
     """

@@ -37,9 +37,7 @@ NOT_HELD = (
 FIXES_NOT_USED = "mapping.fixes are not used: the poses are georeferenced already"
 
 WRONG = 0.5
-"""Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters
-fit from frame to frame.
-"""
+"""Misfit, in steps between frames: attitudes that drift away fit from frame to frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,9 +295,7 @@ def by_pictures(track: odometry.Track) -> Placement:
 def _upright(
     track: odometry.Track, own: Placement, config: MappingConfig
 ) -> tuple[Placement, MarkersFit | None]:
-    """A track by the pictures, constrained by markers; z is up by their surveyed places, if there
-    are any, else by the bottom.
-    """
+    """A track by the pictures and markers; z is up by surveyed places, else by the bottom."""
     own, markers = _to_fiducials(track, own, config)
     return own if markers and markers.control else upright(
         own, track.survey.index, "unknown"

@@ -1,6 +1,4 @@
-"""The frames of a survey, some of which may turn out to be lost: each of those is named, and the
-map is made of the rest.
-"""
+"""The frames of a survey, some of which may be lost: these are named, and left out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -80,8 +80,7 @@ class MapSummary:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where a map is made: the folder of unfinished work, the receiver of progress, and the
-    machine.
+    """Where a map is made: folder of unfinished work, receiver of progress, machine.
 
     scratch: a folder of features and tiles, from which a stopped map continues if they were made
     from the same inputs; None for one in the map's folder. It is deleted when the map is done.
@@ -93,8 +92,7 @@ class Workspace:
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
-    """Check the tables of markers, and what the engine and a map in UTM need, before the first
-    frame is read.
+    """Check the tables of markers, and needs of engine and UTM, before a frame is read.
 
     Other maps are made without GTSAM or rasterio, too, with a warning. Raises InputError for a
     table that cannot be used; DeviceError, with the command that installs it, where a library is
@@ -128,8 +126,7 @@ def build_map(
     trajectory: Trajectory | None = None,
     workspace: Workspace | None = None,
 ) -> MapSummary:
-    """Place the frames, fuse them and write all map products into ``out_dir``, which is empty or
-    does not exist.
+    """Place the frames, fuse them and write all map products into ``out_dir``, empty or new.
 
     frames: read when needed, several times, one at a time; one that raises FrameError is named in
     the summary and left out.
@@ -187,9 +184,7 @@ def _summary(
     built: Sequence[tuple[list[Path], int]],
     seconds: float,
 ) -> MapSummary:
-    """Summarize a map. lost: frames that could not be read, by number. built: files and number of
-    points of each component.
-    """
+    """Summarize a map. lost: frames not read, by number. built: files and points by component."""
     placement = placed.placement
     # after they were placed
     lost_later = [frame for i, frame in lost.items() if placement.components[i] >= 0]
@@ -239,8 +234,7 @@ def _build_component(
 ) -> tuple[list[Path], int]:
     """Write the map of a component; return its files, and the number of points of its cloud.
 
-    scratch: folder of unfinished work. lost: gets the frames that cannot be read any more, by
-    number.
+    scratch: folder of unfinished work. lost: gets frames that cannot be read any more.
     """
     component = Component.of(survey, placed.placement, number)
     check_extent(component, config.voxel_edge_m)

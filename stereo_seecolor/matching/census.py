@@ -1,8 +1,6 @@
-"""The census transform: for each pixel, which of its neighbors are darker (Zabih and Woodfill
-1994).
+"""The census transform: which neighbors of each pixel are darker (Zabih and Woodfill 1994).
 
-It does not depend on exposure, gain and backscatter, which change a pixel and its neighbors
-equally.
+It does not depend on exposure, gain and backscatter, equal for a pixel and its neighbors.
 """
 
 import cv2

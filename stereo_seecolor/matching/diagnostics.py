@@ -195,9 +195,7 @@ def vertical_disparity_warning(vertical_px: float) -> str | None:
 
 
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
-    """Estimate how many pixels the right image's rows lie below the matching left ones; NaN where
-    that cannot be estimated.
-    """
+    """How many pixels the right image's rows lie below the left ones'; NaN where unknown."""
     most = DIAGNOSTICS_CONSTANTS.vertical_search_px
     return vertical_px_of(_row_costs(census(left), census(right), disparity, most))
 

@@ -15,8 +15,7 @@ UNKNOWN = np.float32(np.nan)
 class MatchedDisparity:
     """Disparities of the left image of a pair.
 
-    disparity: (H, W) float32 pixels, x_left - x_right, NaN where no disparity passes the engine's
-    checks.
+    disparity: (H, W) float32 pixels, x_left - x_right, NaN where none passes the engine's checks.
 
     best: (H, W) the same, also where checks failed; NaN without any disparity. The same array as
     disparity if an engine returns only checked disparities.

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, gray, shrink
 from stereo_seecolor.records import Image, StereoFrame
 
@@ -23,8 +24,7 @@ class TextureConstants:
     0.50 to 0.70; nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom
     in haze, of which a third still matches, 0.85 (median).
 
-    strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a
-    pixel.
+    strong_levels: amplitude, reduced, that no noise reaches: 2 with 10 levels of noise a pixel.
 
     least_levels: amplitude at half the reduced size, of 255, that rounding and compression reach:
     0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom in haze 0.15 if hardly a pixel
@@ -54,8 +54,7 @@ def sides_without_texture(frame: StereoFrame) -> tuple[str, ...]:
 
 
 def textured_fraction(image: Image) -> float:
-    """Compute the fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show
-    texture.
+    """The fraction (0..1) of the blocks of an RGB image, 8 or 16 bits deep, that show texture.
 
     The mean of 2 x 2 pixels halves white noise and preserves texture. Medians exclude drifting
     particles, which are few and bright.
@@ -75,6 +74,4 @@ def textured_fraction(image: Image) -> float:
 def _amplitude(image: Gray, block: int) -> NDArray[Any]:
     """Median departure of a block's pixels from the mean of 5 x 5 around them, of 255."""
     departure = cv2.absdiff(image, cv2.blur(image, (5, 5)))
-    rows, columns = (length // block for length in image.shape)
-    blocks = departure[: rows * block, : columns * block].reshape(rows, block, columns, block)
-    return np.asarray(np.median(blocks, axis=(1, 3)) / 256)
+    return np.asarray(np.median(in_blocks(departure, block), axis=(1, 3)) / 256)

@@ -35,9 +35,7 @@ def fill(disparity: Map) -> Map:
 
 @compiled
 def _ends(disparity: Map, reach: float, ends: Map) -> None:
-    """Each pixel of a hole the smaller of the known disparities at its ends in the row, NaN where
-    both are beyond the reach.
-    """
+    """Each pixel of a hole the smaller of the row's known ends, NaN where both are too far."""
     height, width = disparity.shape
     for y in range(height):
         last = -width

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching.disparity import UNKNOWN
 from stereo_seecolor.matching.matcher import Matcher
@@ -49,7 +50,7 @@ class ReducedMatcher:
     ) -> None:
         self._shrink, self._size = shrink, pair.image_size
         seen: Mask | None = (
-            None if seen_left is None else np.asarray(self._blocks(seen_left).all(axis=(1, 3)))
+            None if seen_left is None else np.asarray(in_blocks(seen_left, shrink).all(axis=(1, 3)))
         )
         self._matcher = make(pair.reduced(shrink), config, seen)
 
@@ -76,11 +77,6 @@ class ReducedMatcher:
         np.nan_to_num(large.confidence, copy=False)
         return replace(large, vertical_px=range_map.vertical_px * self._shrink)
 
-    def _blocks(self, mask: Mask) -> NDArray[np.bool_]:
-        rows, columns = (length // self._shrink for length in mask.shape)
-        whole = mask[: rows * self._shrink, : columns * self._shrink]
-        return whole.reshape(rows, self._shrink, columns, self._shrink)
-
     def _smaller(self, image: Image) -> Image:
         width, height = self._size[0] // self._shrink, self._size[1] // self._shrink
         whole = image[: height * self._shrink, : width * self._shrink]
@@ -101,8 +97,7 @@ _NOTHING = ((0, 0), (0, 0))
 
 
 class DetailMatcher:
-    """A matcher that matches a large pair at half or a quarter of its size if full size shows too
-    little detail.
+    """Matches a large pair at half or a quarter of its size if full size shows too little detail.
 
     Examples: large sensors with soft optics, turbid water, enlarged or strongly compressed images.
     There, noise determines the comparisons of neighboring pixels.

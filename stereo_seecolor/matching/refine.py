@@ -1,6 +1,4 @@
-"""Sub-pixel refinement without pixel locking: one least-squares step of registration over a window
-(Lucas and Kanade 1981).
-"""
+"""Sub-pixel refinement by one least-squares step of registration (Lucas and Kanade 1981)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -292,8 +290,7 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
 def _solve(base: Any, best: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
     """Solve one row: refined disparity, its standard error, and relief.
 
-    base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its
-    place.
+    base: disparities that passed the checks, smoothed; elsewhere ``best`` takes its place.
     """
     one, largest = np.float32(1), np.float32(_LARGEST_STEP)
     prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)

@@ -36,8 +36,7 @@ class RangeMaps:
     def measure(self, pair: RectifiedPair, limits_m: tuple[float, float], rows: slice) -> None:
         """Compute depth, range and the standard error of range in these rows.
 
-        Ranges outside the limits become unknown; unknown pixels have no confidence and no standard
-        error.
+        Ranges outside the limits become unknown, without confidence and standard error.
         """
         shift_px = np.float32(pair.cx_left_px - pair.cx_right_px)
         scale = np.float32(pair.focal_px * pair.baseline_m)
@@ -53,14 +52,7 @@ class RangeMaps:
 
     def range_map(self) -> RangeMap:
         """The finished range map."""
-        return RangeMap(
-            self.disparity,
-            self.depth_m,
-            self.range_m,
-            self.range_std_m,
-            self.confidence,
-            self.filled,
-        )
+        return RangeMap(**vars(self))
 
 
 @compiled

@@ -120,9 +120,7 @@ class DiveFacts(RowFacts):
 
     @cached_property
     def squares(self) -> Squares | None:
-        """The metrics of the map's squares without noise; None without a terrain. Raises InputError
-        if their table is damaged.
-        """
+        """The metrics of the map's squares without noise, if any. Raises InputError if damaged."""
         path = self.map.folder / FILE if self.map else None
         if path is None or not path.is_file() or self.roughness is None:
             return None

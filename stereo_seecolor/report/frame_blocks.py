@@ -36,8 +36,7 @@ def blocks_of(
     their cameras and some of their places, meters, in the map's own coordinates (None without any);
     and all scripts, by their paths in OUT.
 
-    poses: (N, 3, 4), the upper rows of a pose in the map, NaN without one. columns: plot -> curve
-    -> N values.
+    poses: (N, 3, 4), upper rows of poses in the map, else NaN. columns: plot -> curve -> N values.
     """
     step = -(-len(poses) // TRACK_POINTS) or 1
     places, scripts = list[dict[str, Any] | None](), dict[str, bytes]()

@@ -30,9 +30,7 @@ from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.pair_files import Files
 
 FORMAT = "6"
-"""Version of the files of a frame; increased when their content changes, so that those of an
-earlier program are made again.
-"""
+"""Version of the files of a frame; increased when their content changes."""
 OVERLAY_STEP_PX = 2
 """Confidence and mask are only shown, so that every second pixel of every second row suffices."""
 
@@ -84,8 +82,7 @@ class FrameFiles:
 
         Raises InputError, CalibrationError.
 
-        Records of others may name any image of this machine: one is shown only where it is what the
-        run read.
+        Records of others may name any image of this machine: only what the run read is shown.
         """
         if hashlib.sha256(read_bytes(frame.left)).hexdigest() != frame.sha256:
             raise InputError(f"{frame.left}: is not the image that the run read")
@@ -115,9 +112,7 @@ def early_files(
 
 
 def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
-    """The record of a frame's files on the page, made from a corrected frame of that key.
-    with_before: with its input image.
-    """
+    """The record of a frame's files on the page, of that key. with_before: with its input image."""
     settings = content_key(FORMAT)
     return StageRecord(content_key(settings, corrected_key, with_before), settings)
 

@@ -27,9 +27,7 @@ HEIGHT_CODE = HeightCode()
 
 
 def coded_heights(heights_m: Map) -> dict[str, Any]:
-    """The content of a script with a tile (H, W) of heights, NaN where unknown; it includes the
-    lowest height and the step.
-    """
+    """A script with a tile (H, W) of heights, NaN where unknown, its lowest height and step."""
     known = np.isfinite(heights_m)
     low_m, high_m = (
         (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
@@ -64,11 +62,9 @@ def height_tiles(
 
 
 def height_std_m(run: FinishedRun) -> float:
-    """The standard error of a height of the map, meters: that of a typical range in one frame of
-    the dive.
+    """The standard error of a height of the map, meters: that of a typical range in one frame.
 
-    Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be
-    read.
+    Fusing several frames lowers it, and errors of their poses raise it. NaN without frames.
     """
     frames = run.frames[:: max(1, len(run.frames) // HEIGHT_CODE.sampled_frames)]
     known = [

@@ -18,8 +18,7 @@ FORMAT = "stereo-seecolor measures 1"
 
 @dataclass(frozen=True)
 class KeptMeasure:
-    """One measure, as the page keeps it (web/src/kept.ts): of a frame, or of the map where frame is
-    "".
+    """One measure, as the page keeps it (web/src/kept.ts): of a frame, or (frame "") of the map.
 
     places: pixels of the frame. points: meters in its camera, or in the map's own coordinates.
     clicks_m: how well each point of the map was hit.

@@ -41,8 +41,7 @@ Pieces = dict[str, dict[str, Any]]
 def write_map_files(folder: RunFolder, facts: DiveFacts) -> dict[str, str]:
     """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
-    Returns the rasters of the map that are damaged, which the page goes without: path in OUT ->
-    why.
+    Returns damaged rasters, which the page lacks: path in OUT -> why.
     """
     made = facts.map
     key = content_key(*_stamps(made)) if made else ""
@@ -240,9 +239,7 @@ def _around(entry: dict[str, Any], finer: Pieces) -> dict[str, Any]:
 
 
 def _squares(squares: Squares, offset_m: list[float]) -> Files:
-    """A script for each metric: x and y of each square in the map's own coordinates, value and
-    standard error, NaN if unknown.
-    """
+    """A script for each metric: x and y of each square, value and standard error, or NaN."""
     places_m = squares.rows[:, :2] - np.array(offset_m[:2])
     for number in range(len(squares.names)):
         columns = places_m, squares.rows[:, [2 + number]], squares.std[:, [number]]

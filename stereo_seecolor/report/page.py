@@ -200,9 +200,7 @@ def _frames(facts: DiveFacts, shown: Shown) -> bytes:
 
 
 def _white(water: Water | None) -> dict[str, Any]:
-    """The water that all frames share, as in water.json, and the errors of its white point; empty
-    where each has its own.
-    """
+    """The shared water, as in water.json, and its white point's errors; empty for many waters."""
     return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
 
 

@@ -106,9 +106,7 @@ def _track(facts: DiveFacts) -> dict[str, dict[str, Column]]:
 
 
 def _speeds(track: Sequence[TrackPoint]) -> Mapping[str, float | None]:
-    """Frame -> speed from the frame before it, m/s; None where times are unknown or do not rise.
-    None of the first frame.
-    """
+    """Frame -> speed from the frame before it, m/s; None without rising times, and at first."""
     speeds: dict[str, float | None] = {}
     for a, b in pairwise(track):
         seconds = 0.0

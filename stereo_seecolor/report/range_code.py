@@ -75,9 +75,7 @@ def std_from_codes(codes: NDArray[np.uint8]) -> Map:
 
 
 def std_blocks(range_std_m: Map) -> Map:
-    """The median of the known values of each block of 4x4 pixels (the lower of two middle ones);
-    NaN where there is none.
-    """
+    """The (lower) median of the known values of each block of 4x4 pixels; NaN without any."""
     step = RANGE_CODE.std_block_px
     height, width = range_std_m.shape
     rows, columns = -(-height // step), -(-width // step)

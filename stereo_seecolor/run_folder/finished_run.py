@@ -243,8 +243,7 @@ class FinishedRun:
         """Names of the frames of which an image is that of the frame before: a camera stalled, or
         files were copied.
 
-        Where both did, the frame shows nothing new; where one did, its ranges are wrong by the
-        motion since.
+        Where both did, the frame shows nothing new; where one did, ranges are wrong by the motion.
         """
         return tuple(
             frame.name
@@ -346,9 +345,7 @@ def _frame(
 
 
 def _found(given: Path, base: Path) -> Path:
-    """An input from where it was given: relative to the run's working folder, or, where it is not
-    there, to the present one.
-    """
+    """An input from where it was given: relative to the run's working folder, or to this one."""
     return given if given.is_file() and not (base / given).is_file() else base / given
 
 

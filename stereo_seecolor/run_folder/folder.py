@@ -1,6 +1,4 @@
-"""OUT while a run writes into it: locked for one run at a time, with every file known to the
-manifest before it is there.
-"""
+"""OUT while a run writes into it: locked, every file known to the manifest before it is there."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -50,9 +48,7 @@ class RunFolder:
 
     @classmethod
     def on_worker(cls, root: Path, token: str) -> Self:
-        """Open the folder in another process for work on single frames, while the process whose
-        lease has this token locks it.
-        """
+        """Open the folder in another process while the process with this lease's token locks it."""
         folder = cls(root, FolderRequest(Owner("worker", {})))
         folder.frames.token = token
         return folder
@@ -83,8 +79,7 @@ class RunFolder:
     @classmethod
     @contextmanager
     def existing(cls, root: Path, command: str, inputs: Sequence[Path] = ()) -> Iterator[Self]:
-        """Lock a finished run's folder for a command that adds a map or another file of the whole
-        dive.
+        """Lock a finished run's folder for a command that adds a file of the whole dive.
 
         inputs: files that the command reads, which are not to be replaced. Raises OutputError.
         """

@@ -59,9 +59,7 @@ class FrameProducts:
         self._owned, self._manifest = owned, manifest
 
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
-        """Find what an earlier run finished of this frame's stage with the same key; None if a file
-        of it is gone or changed.
-        """
+        """What an earlier run finished of this frame's stage with the same key; None if changed."""
         frame = self._manifest.frame(name)
         record = frame.stages.get(stage) if frame else None
         if frame is None or record is None or record.key != key:

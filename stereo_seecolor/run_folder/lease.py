@@ -37,9 +37,7 @@ class LeaseTimes:
     """Intervals of the lease, seconds."""
 
     beat_s: float = 10.0
-    """Between two signs of life: six fit into ``stale_s``, and an NFS client shows another's file
-    attributes 3 to 60 s late.
-    """
+    """Between two signs of life: six fit into ``stale_s``; NFS shows them 3 to 60 s late."""
     stale_s: float = 120.0
     """Without a sign of life: twice what an NFS client may hide."""
 
@@ -67,9 +65,7 @@ class Holder:
 
     @classmethod
     def load(cls, root: Path) -> "Holder | None":
-        """Read who holds OUT; None where nobody does. Raises OSError where the file cannot be read
-        now, as when a network fails.
-        """
+        """Read who holds OUT; None for nobody. Raises OSError where it cannot be read now."""
         try:
             return as_record(cls, load_object(lease_file(root)))
         except FileNotFoundError:
@@ -166,9 +162,7 @@ def hold_lease(root: Path, locked: bool) -> Iterator[Holder]:
 
 
 def check_lease(root: Path, token: str) -> None:
-    """Raise OutputError where OUT is not, or no longer, held under this token; what cannot be seen
-    now is seen the next time.
-    """
+    """Raise OutputError where OUT is not held under this token any more, as far as can be seen."""
     try:
         holder = Holder.load(root)
     except OSError:

@@ -1,5 +1,4 @@
-"""The manifest: which files the program wrote into OUT, frame by frame, and which of them are
-current.
+"""The manifest: which files the program wrote into OUT, by frame, and which are current.
 
 A frame's record is written before its files are renamed into place, with the stamps that they will
 have: so, whenever the program is killed, each file in a product's place is either known to the

@@ -98,8 +98,7 @@ def refuse_own_place(*paths: Path) -> None:
 
 
 def refuse_links_out(root: Path) -> None:
-    """Raise OutputError where a file or folder that the program reads is a link that leads out of
-    OUT.
+    """Raise OutputError where a file or folder to be read is a link that leads out of OUT.
 
     What was set aside is never read, and may hold a link of the user's.
     """

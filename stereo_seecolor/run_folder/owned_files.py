@@ -1,6 +1,4 @@
-"""The files in OUT that the program wrote; files that a user changed or added are moved aside,
-never overwritten or deleted.
-"""
+"""The files in OUT that the program wrote; a user's are moved aside, never overwritten."""
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,8 +16,7 @@ from stereo_seecolor.run_folder.stamp import Stamp
 
 
 class OwnedFiles:
-    """The files under ``root``. A file is the program's if its stamp is one that the manifest holds
-    for its path.
+    """The files under ``root``. One is the program's if the manifest holds its stamp.
 
     set_aside: files that are not, or no longer, and that were moved aside instead of overwritten.
     """
@@ -142,9 +139,7 @@ def remove_empty_folders(folder: Path) -> None:
 
 
 def is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    """Tell whether the file at a path of OUT seems to be as the program wrote it. files: path ->
-    the stamps that it may have.
-    """
+    """Whether a file of OUT seems to be as the program wrote it. files: path -> possible stamps."""
     return any(stamp.matches(root / path) for stamp in files.get(path, ()))
 
 

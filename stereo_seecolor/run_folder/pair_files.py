@@ -74,9 +74,7 @@ def correction_files(
 
 
 def original_files(left: Path, correction: Correction, range_map: RangeMap, exif: bytes) -> Files:
-    """Give the files of OUT/original: a corrected frame in the pixels of the raw image ``left``, in
-    that image's own format.
-    """
+    """The files of OUT/original: a corrected frame in the raw pixels and format of ``left``."""
     image_format = FORMAT_OF_SUFFIX[left.suffix.lower()]
     contents: Encoders = {
         "original/corrected": lambda: encode_image(correction.image, image_format, exif),

@@ -37,9 +37,7 @@ class Replaces:
     what: str
 
     def includes(self, name: str) -> bool:
-        """Tell whether it may delete or replace a file or folder. name: its path relative to OUT,
-        with "/" between folders.
-        """
+        """Whether it may delete or replace a file or folder. name: its path relative to OUT."""
         return any(
             f"{name}/".startswith(result if result.endswith("/") else f"{result}/")
             for result in self.results
@@ -95,8 +93,7 @@ REPLACES: dict[str, Replaces] = {
 def refuse_inputs(
     command: str, root: Path, inputs: Iterable[Path], unchanged: Iterable[str] = ()
 ) -> None:
-    """Raise OutputError where an input lies in what a command may delete or replace in its output
-    folder.
+    """Raise OutputError where an input lies in what a command may delete or replace in OUT.
 
     inputs: every file and folder that it reads, of any kind; links are followed. unchanged: names
     in OUT that this run leaves as they are, or writes again with the content that it reads.
@@ -109,8 +106,7 @@ def refuse_inputs(
             if name not in safe and replaces.includes(name):
                 raise OutputError(
                     f"{given}: is an input of this run, and would be deleted or replaced in "
-                    f"{root}: copy it elsewhere first, or choose another --out; nothing was "
-                    "changed"
+                    f"{root}: copy it elsewhere first, or choose another --out; nothing was changed"
                 )
 
 

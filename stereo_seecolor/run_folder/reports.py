@@ -75,9 +75,7 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
 
 
 def renew_frames_table(folder: RunFolder) -> None:
-    """Renew the residuals in frames.csv from the map; a damaged table is left to a run, which
-    writes it. Raises OutputError.
-    """
+    """Renew the residuals in frames.csv from the map, if it is intact. Raises OutputError."""
     path = folder.root / FRAMES_TABLE
     with suppress(ValueError, KeyError):
         if path.is_file():

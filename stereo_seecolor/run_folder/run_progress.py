@@ -61,9 +61,7 @@ class RunProgress:
 
 
 class ProgressFile:
-    """A listener that hears of every pair of a pass, and writes the progress every few seconds.
-    expected: the passes to come.
-    """
+    """A listener that writes the progress of passes every few seconds. expected: those to come."""
 
     def __init__(self, root: Path, expected: ExpectedPasses | None = None) -> None:
         self._root, self._expected = root, expected or ExpectedPasses({})

@@ -10,8 +10,7 @@ DIGEST_BYTES = 16
 
 @dataclass(frozen=True)
 class Stamp:
-    """A file's size in bytes, time of modification in nanoseconds, and a digest of its whole
-    content.
+    """A file's size in bytes, time of modification in ns, and a digest of its content.
 
     Stamps of earlier versions have a digest of the file's begin and end, which equals none of
     these: what cannot be shown to be ours is kept for the user.

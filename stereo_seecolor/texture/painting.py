@@ -125,9 +125,7 @@ def paint(
     page: Page,
     of_chart: Sequence[NDArray[np.int64]],
 ) -> NDArray[np.uint8]:
-    """Paint a page: (H, W, 3) RGB. of_chart: the triangles of each chart. Raises InputError if an
-    image is gone or damaged.
-    """
+    """Paint a page: (H, W, 3) RGB. of_chart: triangles of each chart. Raises InputError."""
     width, height = page.size
     between = int(surface.color.mean())  # what coarser copies of the texture mix in
     result = np.full((height, width, 3), between, np.uint8)

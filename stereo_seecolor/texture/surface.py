@@ -28,9 +28,7 @@ def edge_keys(triangles: NDArray[np.integer]) -> NDArray[np.int64]:
 
 
 def neighbors(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Find the triangle across each edge, k from corner k to k + 1: (F, 3); -1 at the boundary, and
-    where more than two meet.
-    """
+    """The triangle across each edge, k from corner k to k + 1: (F, 3); -1 where not exactly one."""
     key = edge_keys(triangles)
     order = np.argsort(key, kind="stable")
     ordered = key[order]

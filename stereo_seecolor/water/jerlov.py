@@ -37,41 +37,15 @@ KD_JERLOV: dict[JerlovType, Spectrum] = {
 """Type -> (13,) diffuse attenuation Kd, 1/m: Jerlov, Marine Optics (1976), table XXVII."""
 
 KD_REVISED: dict[JerlovType, Spectrum] = {
-    "IB": np.array(
-        [
-            0.0438,
-            0.0395,
-            0.0355,
-            0.0330,
-            0.0396,
-            0.0596,
-            0.0715,
-            0.0995,
-            0.2471,
-            0.3245,
-            0.3652,
-            0.4457,
-            0.6550,
-        ]
-    ),
-    "1C": np.array(
-        [
-            0.2516,
-            0.2374,
-            0.2048,
-            0.1700,
-            0.1486,
-            0.1461,
-            0.1415,
-            0.1596,
-            0.3057,
-            0.3922,
-            0.4525,
-            0.5257,
-            0.6896,
-        ]
-    ),
-}
+    "IB": np.array([
+        0.0438, 0.0395, 0.0355, 0.0330, 0.0396, 0.0596, 0.0715, 0.0995, 0.2471, 0.3245, 0.3652,
+        0.4457, 0.6550,
+    ]),
+    "1C": np.array([
+        0.2516, 0.2374, 0.2048, 0.1700, 0.1486, 0.1461, 0.1415, 0.1596, 0.3057, 0.3922, 0.4525,
+        0.5257, 0.6896,
+    ]),
+}  # fmt: skip
 """Two types as revised by Austin and Petzold (Spectral dependence of the diffuse attenuation
 coefficient, 1984).
 """
@@ -81,8 +55,7 @@ def scattering_per_m(kd: Spectrum) -> float:
     """Scattering coefficient, 1/m, as beam attenuation less Kd, both at 535 nm: Kd = 0.2 c + 0.04
     (Shannon, Proc. SPIE 64, 1975).
 
-    kd: (13,) at TABLE_NM, 1/m. Negative in the clearest waters, to which the relation does not
-    reach.
+    kd: (13,) at TABLE_NM, 1/m. Negative in the clearest waters, beyond the relation.
     """
     kd_535 = float(np.interp(535.0, TABLE_NM, kd))
     return (kd_535 - 0.04) / 0.2 - kd_535

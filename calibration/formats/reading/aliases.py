@@ -1,5 +1,4 @@
-"""The words by which programs name what a calibration holds: one table, from each thing to its
-spellings.
+"""The words for what a calibration holds: one table, from each thing to its spellings.
 
 A key is split into words first (``leaves.words``), a name of a number is taken without underscores.
 A spelling may stand in several rows: the form of the numbers then decides (``finder``).

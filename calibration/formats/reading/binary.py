@@ -37,8 +37,7 @@ def is_binary(path: Path) -> bool:
 def load_binary(path: Path) -> Section:
     """Read ``path`` into a Section, its values still unchecked.
 
-    Raises CalibrationError if the file is too large, damaged, or needs a package that is not
-    installed.
+    Raises CalibrationError if the file is too large, damaged, or needs a missing package.
     """
     try:
         if path.stat().st_size > MAX_BYTES:

@@ -50,8 +50,7 @@ TOO_MUCH = (
 def load_document(path: Path) -> Section:
     """Read ``path`` into a Section, its values still unchecked.
 
-    Raises CalibrationError if the file is not there, not text, too large, or in no notation known
-    here.
+    Raises CalibrationError if the file is not there, not text, too large, or in no known notation.
     """
     if _is_binary(path):
         return load_binary(path)

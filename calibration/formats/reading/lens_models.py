@@ -93,9 +93,7 @@ def metashape(radial: Array, tangential: Array, fisheye: bool) -> Plane:
 
 
 def fitted_camera(where: str, plane: Plane, K: Array, size: Size, name: str) -> Camera:
-    """The pinhole or fisheye camera that sees as ``plane`` and ``K`` say. Raises CalibrationError
-    if none comes near enough.
-    """
+    """The camera that sees as ``plane`` and ``K`` say. Raises CalibrationError if none is near."""
     d, angle = _directions()
     with np.errstate(all="ignore"):
         m = plane(d)

@@ -1,6 +1,4 @@
-"""Rigs in several files of a folder: which files belong together, which is the left camera's, and
-how their keys are merged.
-"""
+"""Rigs in several files of a folder: which files belong together, and how they are merged."""
 
 import os
 from contextlib import suppress

@@ -65,9 +65,7 @@ class Section:
         return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
 
     def listed(self, key: str, *wanted: str) -> list["Section"]:
-        """The mappings in the list under ``key``; none where one of them has none of the wanted
-        keys, or it is no such list.
-        """
+        """The mappings in the list under ``key``; none where one lacks all of the wanted keys."""
         entries = self.content.get(key)
         if not isinstance(entries, list) or not all(
             isinstance(one, Mapping) and any(name in one for name in wanted) for one in entries
@@ -97,8 +95,7 @@ class Section:
         return int(values[0]), int(values[1])
 
     def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
-        """Read (n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with
-        ``data``.
+        """Read (n,) finite numbers under ``key``: a number, list, rows, or matrix with ``data``.
 
         counts: the lengths allowed; any if none is given. The length of the data counts, not the
         ``rows`` and ``cols`` written beside it (several tools write those wrong).

@@ -127,8 +127,7 @@ class Training:
 
 
 def backscatter(raw: Tensor, z: Tensor, final_sigmoid: bool = False) -> Tensor:
-    """Compute the backscatter network (fig. backscatter-net): (3, L), of weights (4, 3, 1) at (L,)
-    ranges.
+    """The backscatter network (fig. backscatter-net): (3, L), of weights (4, 3, 1) at (L,) ranges.
 
     final_sigmoid: the sigmoid is the last layer, as printed, and gamma_inf and eta have any sign.
     """

@@ -78,8 +78,7 @@ RED_HIGHLIGHTS = (
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
-    """Fit the water, with standard errors, to a moment table; add warnings if the table hardly
-    determines it.
+    """Fit the water, with standard errors, to a moment table; warn if it hardly determines it.
 
     The brightness of the white point is such that the brightest thousandth of a scene is near full
     scale at exposure 1.
@@ -190,8 +189,7 @@ def _values(logarithms: NDArray[np.float64], scale: float) -> NDArray[np.float64
 def standard_errors(
     values: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compute (5, 3) marginal standard errors of (5, 3) y, w, beta, gamma_inf, white, to first
-    order.
+    """(5, 3) marginal standard errors of (5, 3) y, w, beta, gamma_inf, white, to first order.
 
     Those of white are of its color only, because its brightness is exposure. covariance: (15, 15)
     of log far, log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B. The

@@ -1,5 +1,4 @@
-"""The prior of the light of lamps on the rig: mean and covariance of the computed light of many
-random rigs.
+"""The prior of the light of lamps on the rig: mean and covariance of many random rigs.
 
 Lamps near the camera make a pattern that changes with range, and their light falls off. The two are
 correlated: a pattern that changes like that of lamps determines the fall-off, which views alone

@@ -125,8 +125,7 @@ class Solution:
 def window_of(
     seen: Observations, usable: NDArray[np.bool_], light: Light, size: tuple[int, int]
 ) -> Window:
-    """Make the window of the logarithms of the usable (N,) observations of patches that two frames
-    or more show.
+    """The window of logarithms of usable (N,) observations of patches that two frames or more show.
 
     light: defines the ranges of the polynomial. size: (width, height) of the image.
     """

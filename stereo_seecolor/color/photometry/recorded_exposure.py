@@ -1,5 +1,4 @@
-"""The recorded exposure of each frame, as the prior of its gain, if it explains differences between
-frames.
+"""The recorded exposure of each frame, as the prior of its gain, if it explains their differences.
 
 Records may be wrong, and with a strobe the exposure time has no effect. So records are used only if
 they explain differences between frames that show the same spots.

@@ -1,5 +1,4 @@
-"""``color.lock: auto``: one water for the dive, or one for each segment if frames do not share one
-water.
+"""``color.lock: auto``: one water for the dive, or one for each segment if they do not share one.
 
 Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables.
 Neighboring chunks are joined, the most similar first, as long as a common water fits about as well

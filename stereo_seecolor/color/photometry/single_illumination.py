@@ -22,8 +22,7 @@ most 4 on 21, at most 5 on 12 ways to divide a real dive.
 def is_single_illumination(
     windows: Sequence[Window], candidates: Sequence[Candidate], frames: int
 ) -> bool:
-    """Whether one light explains all windows about as well as one for each part that shares no
-    spot.
+    """Whether one light explains all windows as well as one for each part that shares no spot.
 
     candidates: tested for all together, and for each part. frames: number of frames.
     """

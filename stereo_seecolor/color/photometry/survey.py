@@ -195,8 +195,7 @@ def survey_waters(
     config: ColorConfig,
     fit: FitTable,
 ) -> Iterator[tuple[str, Water | None]]:
-    """Name and water of each of these frames: one water, scaled to the exposure of each
-    frame.
+    """Name and water of each of these frames: one water, scaled to each exposure.
 
     classes: sums of their tables; if empty, the waters are None.
     """

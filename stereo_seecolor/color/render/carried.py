@@ -1,5 +1,4 @@
-"""Interpolated ranges for unmeasured pixels, for color only, from measured neighbors of the same
-color.
+"""Interpolated ranges for unmeasured pixels, for color only, from neighbors of the same color.
 
     range = S(w z + e r) / S(w + e),   w = z^2 where the range z is measured, 0 elsewhere
 
@@ -7,8 +6,7 @@ S smooths along surfaces of one color and stops at edges (fast global smoother; 
 doi:10.1109/TIP.2014.2366600). It is applied three times, from long to short reach: r is the result
 of the reach before, so that the nearest measured ranges have the most weight. Occluded surfaces lie
 behind, so farther neighbors have more weight; the few ranges far from all others, which are wrong
-matches, are left out. Water changes color slowly with range, so a quarter of the resolution is
-enough.
+matches, are left out. Water changes color slowly with range: a quarter of the resolution suffices.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
-"""Limits the colors of pixels with an interpolated range to those of measured pixels of the same
-image.
+"""Limits the colors of pixels with an interpolated range to those of measured pixels.
 
 If an interpolated range is too large, too much backscatter is subtracted, and red, the most
 attenuated channel, gets far too much gain: rims and caves in front of open water become red. Open

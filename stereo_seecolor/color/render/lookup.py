@@ -1,7 +1,6 @@
 """Looks up the displayed values of 8-bit pixels by range bin and value.
 
-It does not use numba's threads, because two threads must not enter their simplest layer at the same
-time.
+It does not use numba's threads: two threads must not enter their simplest layer at once.
 """
 
 from typing import Any, NamedTuple

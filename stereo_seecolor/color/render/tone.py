@@ -15,9 +15,7 @@ CLIPPED_FRACTION = 0.0005
 """Largest fraction of pixels that may clip: a distant white card can cover only 0.1 % of a frame.
 """
 BRIGHT_PART = 0.05
-"""Fraction of the pixels brighter than sand in shade: sand and pale rock, which differ less between
-scenes than the median.
-"""
+"""Fraction of the pixels brighter than sand in shade: sand, which differs little by scene."""
 BRIGHT_BY_MEDIAN = 2.5
 """Ratio of their light to that of the median, in a scene that is shown at
 ``config.median_luminance``. Halves of a real dive have 2.4 and 2.8.
@@ -38,8 +36,7 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     """Choose the tone with a median luminance as near to ``config.median_luminance`` as highlights
     allow.
 
-    The median luminance is that of the medians of the channels, which is equal if channels are
-    correlated.
+    The median luminance is that of the medians of the channels: equal if channels are correlated.
     """
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unit_exposure_gains(water, fine_ranges_m()[occupied * FINE + FINE // 2])

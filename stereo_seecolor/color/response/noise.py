@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.records import Image, is_monochrome
 
@@ -75,7 +76,7 @@ def blocks_of(plane: Values, factor: np.float32) -> Blocks:
     255, from the pixels at which the sensor measured it. factor: 255 by the largest value.
     """
     sites = _native_sites(plane.astype(np.float32) * factor)
-    mean, values = _means(sites), _cut(sites)
+    mean, values = _means(sites), in_blocks(sites, BLOCK_PX)
     # one axis after the other is eight times as fast as both at once
     most, least = values.max(axis=1).max(axis=2), values.min(axis=1).min(axis=2)
     good = (most < BRIGHTEST) & (least > 0) & (mean > DARKEST)
@@ -124,19 +125,12 @@ def _variances(plane: Plane, kernel: NDArray[np.float32]) -> Plane:
 
 def _means(plane: Plane) -> Plane:
     """Of each block; images of less than a block have none."""
-    blocks = _cut(plane)
+    blocks = in_blocks(plane, BLOCK_PX)
     rows, _, columns, _ = blocks.shape
     if not blocks.size:
         return np.zeros((rows, columns), np.float32)
     cut = blocks.reshape(rows * BLOCK_PX, -1)
     return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA))
-
-
-def _cut(plane: Plane) -> Plane:
-    """The blocks of a plane: (rows, BLOCK_PX, columns, BLOCK_PX)."""
-    rows, columns = (size // BLOCK_PX for size in plane.shape)
-    cut = plane[: rows * BLOCK_PX, : columns * BLOCK_PX]
-    return cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX)
 
 
 def noise_curve(images: Sequence[Blocks], quantization: float) -> NoiseCurve | None:

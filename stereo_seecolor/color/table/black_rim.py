@@ -1,5 +1,4 @@
-"""Detects black rims around an image: the edge of a port or a lens hood, or the bars of a wide
-format.
+"""Detects black rims around an image: the edge of a port or lens hood, or bars of a wide format.
 
 All surfaces of a scene lie behind water with backscatter, so black pixels with a range are not part
 of the scene; with a few of them the fit would give no backscatter.

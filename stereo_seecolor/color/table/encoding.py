@@ -23,11 +23,9 @@ def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.fl
 
 
 def decoding_slope(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Compute d light / d value of sRGB at this light, which converts noise of a value to noise of
-    light.
+    """Compute d light / d value of sRGB at this light, which converts noise of values to light.
 
-    It is also used for linear files, because the noise of a sensor grows with light in them, too; 1
-    for as-is.
+    It is also used for linear files, as sensor noise grows with light there, too; 1 for as-is.
     """
     return srgb.decoding_slope(light) if encoding != "as-is" else np.ones_like(light)
 

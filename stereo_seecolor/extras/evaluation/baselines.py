@@ -48,8 +48,7 @@ def simple_model(image: Array, range_m: Array) -> Array:
     """One coefficient a channel for both attenuation and backscatter (paper, eqs. 2 and 3), then
     gray world.
 
-    Backscatter is fitted to the darkest hundredth of ten range bins by least squares; J = (I - B)
-    exp(a z).
+    Backscatter is fitted to the darkest hundredth of ten range bins; J = (I - B) exp(a z).
     """
     known = np.isfinite(range_m)
     z, dark = darkest(image[known], range_m[known])
@@ -167,8 +166,7 @@ def _best_rates(
     """Fit ``values`` by least squares on a basis that depends on rates, which are searched on a
     grid of 0 to 5 per meter.
 
-    Returns the rates (number,) and the weights of the basis, which are kept in [0, 1], as in the
-    paper.
+    Returns rates (number,) and weights of the basis, which are kept in [0, 1], as in the paper.
     """
     grid = np.concatenate([np.linspace(0.02, 1, 25), np.linspace(1.1, 5, 12)])
     best: tuple[float, Array, Array] | None = None

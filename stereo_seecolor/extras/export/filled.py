@@ -147,8 +147,7 @@ def _fill_mesh(source: Path, folder: Path) -> int:
 def _patches(
     vertices: NDArray[np.void], triangles: NDArray[np.int32]
 ) -> Iterator[tuple[Any, NDArray[np.int64]]]:
-    """For each hole a vertex in its middle, and triangles (n, 3) from there to its rim, -1 for the
-    middle.
+    """For each hole a vertex in its middle, and triangles (n, 3) from there (-1) to its rim.
 
     Rims of islands, which would be closed from below, are recognized by the side that faces up;
     holes around islands are left out.

@@ -27,8 +27,7 @@ def write(posed: PosedRun, folder: Path) -> None:
     """``tiles/ROW_COLUMN.png`` and tiles.csv: name, size, meters a pixel, centimeters of height,
     world coordinates of the corner.
 
-    Raises InputError if the map has no orthomosaic, DeviceError if the library that reads it is
-    missing.
+    Raises InputError if the map has no orthomosaic, DeviceError if its library is missing.
     """
     with (
         open_map_raster(posed, MOSAIC, 4) as mosaic,

@@ -57,8 +57,7 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
     """The item of the run in ``out``, for a file in ``folder``. Raises InputError if ``out`` holds
     no run, or a damaged map.
 
-    geometry is the dive's place on Earth if the map is georeferenced; else null, as STAC
-    prescribes.
+    geometry is the place on Earth of a georeferenced map; else null, as STAC prescribes.
     """
     run, made = open_run(out), open_map(out)
     box = _box(made) if made else None

@@ -98,8 +98,7 @@ def _adopt(folder: RunFolder, other: Path, frame: FrameRecord) -> None:
     """Take a frame of another run's folder as one of this, its table included; its files get a
     second name, or are copied.
 
-    What this folder holds of the frame already is kept if it is the same or more. Raises
-    OutputError.
+    What it holds of the frame already is kept if the same or more. Raises OutputError.
     """
     known = folder.manifest.frame(frame.name)
     if known and all(

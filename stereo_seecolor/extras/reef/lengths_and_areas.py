@@ -181,8 +181,7 @@ def known_area(
 def unseen_std(values: Array, known: float) -> float:
     """Relative standard error of a mean of values (N,), all positive, of which a part was not seen.
 
-    The mean of that part may differ from that of the rest by the standard deviation of what was
-    seen.
+    The mean of that part may differ from the rest's by the standard deviation of the seen.
     """
     return float((1 - known) * values.std() / values.mean())
 

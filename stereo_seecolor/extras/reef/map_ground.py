@@ -77,8 +77,7 @@ class Ground:
         return step_m(self.grid.cell_m, self.std_m)
 
     def pick(self, x_m: float, y_m: float, z_m: float | None, click_m: float) -> Spot | None:
-        """The ground at a place, or, with a height, the point of that height; None where it is
-        unknown.
+        """The ground at a place, or the point of a given height; None where it is unknown.
 
         A plane is fitted to the 3x3 cells around. Where they show two layers, as at the edge of a
         coral, the higher one is taken.

@@ -50,8 +50,7 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class FoundMarkers:
-    """Markers found in a map. frames: number of frames of the map. markers: those seen in two
-    frames or more.
+    """Markers found in a map. frames: number of frames of the map. markers: seen in two or more.
 
     size: known against measured edge, of all markers. bars: the same of each scale bar, by its
     ends. control: fit to the surveyed places. None where nothing is known. doubts: lines for

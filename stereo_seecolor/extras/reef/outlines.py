@@ -49,7 +49,6 @@ def refuse_elsewhere(
         for box in (np.array(drawn), np.array(cells))
     )
     raise InputError(
-        f"no outline lies on the map: they have x {x}, y {y}, the map "
-        f"has x {left}, y {bottom} m: draw them on {MOSAIC} in its own coordinates, or name their "
-        "system as crs"
+        f"no outline lies on the map: they have x {x}, y {y}, the map has x {left}, y {bottom} m: "
+        f"draw them on {MOSAIC} in its own coordinates, or name their system as crs"
     )

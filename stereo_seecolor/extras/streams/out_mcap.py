@@ -38,8 +38,7 @@ def _refuse_foreign(file: Path) -> None:
 
 
 def write_mcap(out: Path, file: Path) -> int:
-    """Record the frames of the run in ``out``, with poses for those in its map. Returns their
-    number.
+    """Record the frames of the run in ``out``, with poses for those in its map. Returns how many.
 
     The file appears when it is complete.
 

@@ -1,8 +1,7 @@
 """Telemetry of small vehicles: position reports of Water Linked DVLs (A50, A125: JSON, a report a
 line), and subtitles beside a video (SRT of drones and BlueOS, ASS of Cockpit).
 
-Sources: Water Linked, *DVL protocol*; Blue Robotics, *Cockpit*; DJI's subtitles as published logs
-show them.
+Sources: Water Linked, *DVL protocol*; Blue Robotics, *Cockpit*; DJI's subtitles in published logs.
 """
 
 import re
@@ -101,8 +100,7 @@ def read_subtitles(lines: Lines, mount: MountConfig) -> Trajectory:
     if not found:
         raise InputError(
             f"{lines.path}: is subtitles whose {len(cues)} lines of text show no date and time: "
-            "their times count from the start of a video; give a table with time, lat, lon, "
-            "depth"
+            "their times count from the start of a video; give a table with time, lat, lon, depth"
         )
     if not any({"lat", "lon"} <= row.keys() for row in found):
         shown = ", ".join(sorted({role for row in found for role in row}))

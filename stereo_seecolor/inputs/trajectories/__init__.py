@@ -94,11 +94,9 @@ def trajectory_format(path: Path) -> str | None:
 def rectified_trajectory(
     path: Path, config: MappingConfig, T_rectified_left: np.ndarray
 ) -> Trajectory:
-    """Read the trajectory of the rectified left camera, whatever camera or vehicle the file's poses
-    are of.
+    """Read the trajectory of the rectified left camera, whatever the file's poses are of.
 
-    T_rectified_left: (4, 4), from the axes of the left camera as calibrated; a run's own is in its
-    run.json.
+    T_rectified_left: (4, 4), from the left camera as calibrated; a run's is in run.json.
     """
     trajectory = read_trajectory(path, config.mount)
     if config.poses_of != "format":

@@ -185,8 +185,7 @@ def read_together(
 ) -> Trajectory:
     """Join several tables of one dive by their times: positions, attitudes, depths.
 
-    What each holds is interpolated to the times of the table with the most rows; NaN in gaps of
-    over MAX_GAP_S.
+    Each is interpolated to the times of the one with the most rows; NaN in gaps of over MAX_GAP_S.
 
     Args:
         tables: The lines of each, and role -> column.

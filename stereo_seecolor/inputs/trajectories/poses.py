@@ -65,8 +65,7 @@ def _named(poses: Trajectory, lines: Lines, firsts: list[str]) -> Trajectory:
 def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> Trajectory:
     """Make a trajectory of (N, 7) x y z qx qy qz qw.
 
-    World z is up unless the first pose is the identity: then the world is the first camera, and up
-    is unknown.
+    World z is up unless the first pose is the identity, which is then the world, with up unknown.
     """
     T = rigid_transform(rotation_from_quaternion(values[:, 3:]), values[:, :3])
     starts_at_identity = np.allclose(T[0], np.eye(4), atol=1e-6)

@@ -132,8 +132,7 @@ def _by_image_number(index: FrameIndex, trajectory: Trajectory) -> Assignment | 
         reasons,
         [
             "the times of the trajectory are whole numbers and do not match the clock of the "
-            f"frames: they were read as image numbers, from {int(numbers[0] == 1)} in order "
-            "of time"
+            f"frames: they were read as image numbers, from {int(numbers[0] == 1)} in order of time"
         ],
     )
 

@@ -63,8 +63,7 @@ DEPTH_EDGES = 500
 
 @dataclass(frozen=True)
 class Navigation:
-    """The outcome of given poses. All residuals are medians over the relative poses that the
-    pictures show.
+    """The outcome of given poses. Residuals are medians over the pictures' relative poses.
 
     relative_poses: how many there are. position_residual_m, attitude_residual_deg: given against
     measured. depth_residual_m: between what overlapping frames saw, by the given poses;

@@ -88,8 +88,7 @@ def by_frame(values: Array, edges: Sequence[Edge], count: int) -> Array:
 def depth_difference_m(
     points_i: NDArray[np.floating], points_j: NDArray[np.floating], T_i_j: Array
 ) -> float:
-    """Median distance along the rays of frame i between what it saw and what frame j saw in the
-    same directions.
+    """Median distance along the rays of frame i between what it and frame j saw there.
 
     points_i, points_j: (n, 3) in each camera. NaN where the two do not overlap by this pose.
     """

@@ -89,9 +89,7 @@ def constant_turn(motions: Motions) -> Turn:
 
 @dataclass(frozen=True)
 class North:
-    """By how much headings are turned against the directions in which positions move, radians,
-    clockwise seen from above.
-    """
+    """By how much headings are turned against motions, radians, clockwise from above."""
 
     angle_rad: float
     std_rad: float

@@ -1,6 +1,4 @@
-"""A check at a few places of the dive whether given poses are as exact as the map can show, so that
-no track must be followed.
-"""
+"""A check at a few places whether poses are as exact as the map can show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

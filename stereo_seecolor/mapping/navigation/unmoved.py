@@ -22,8 +22,7 @@ STILL_RAD = 1e-6
 """Attitudes that differ by less are one number."""
 ALIKE = (
     "the given attitudes are all equal, and differ from those of the images: if you have only "
-    "positions, give only these, as a table with a column map "
-    "(nav.csv:time=...,lat=...,lon=...)"
+    "positions, give only these, as a table with a column map (nav.csv:time=...,lat=...,lon=...)"
 )
 
 

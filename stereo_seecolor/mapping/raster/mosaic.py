@@ -62,8 +62,7 @@ class Cells:
     """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) centers. z_m: (h, w) heights,
     NaN where unknown.
 
-    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, NaN for all
-    others.
+    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, else NaN.
     """
 
     edge_m: float
@@ -285,9 +284,7 @@ def _paint(
 def _seen(
     cells: Cells, geometry: RectifiedPair, view: tuple[_Sight, Array]
 ) -> tuple[SeenCells, Float] | None:
-    """What a frame sees of the cells, and the weight (h, w) of each color in the mean of all views;
-    None where it sees none.
-    """
+    """What a frame sees of the cells, and its weight (h, w) in the mean of all; or None."""
     sight, T_local_camera = view
     shape = cells.z_m.shape
     color = np.zeros((*shape, 3), np.uint8)

@@ -117,9 +117,7 @@ def _coarse_band(color: Float) -> Float:
 
 
 def _cheapest(views: Sequence[SeenCells], shape: tuple[int, int]) -> NDArray[np.int16]:
-    """Find for each cell the view whose cost, averaged over its neighborhood, is least: (H, W), -1
-    where none sees the cell.
-    """
+    """For each cell the view of least cost around it: (H, W), -1 where none sees the cell."""
     size, least = (SETTINGS.smooth_px,) * 2, np.full(shape, np.inf, np.float32)
     best = np.full(shape, -1, np.int16)
     for k, view in enumerate(views):

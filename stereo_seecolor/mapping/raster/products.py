@@ -124,9 +124,7 @@ def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
 
 
 def _write_csv(path: Path, squares: BlockRaster, place: Georeference) -> Path:
-    """A row for the site, the mean of its squares, then one for each square that was seen; x and y
-    of its center, meters.
-    """
+    """A row for the site, the mean of its squares, then one a square; x and y in meters."""
     seen, grid = [], squares.grid
     for rows, columns in squares.windows():
         block = squares.read(rows, columns)

@@ -42,9 +42,7 @@ Heights = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReefMetrics:
-    """Metrics of one square, or of a site; NaN where too little was seen. coverage: fraction of the
-    cells that were seen.
-    """
+    """Metrics of a square or a site; NaN: too little seen. coverage: fraction of cells seen."""
 
     coverage: float
     surface_rugosity: float
@@ -127,8 +125,7 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
     """Measure all squares of a terrain model, of edge ``square_m``, that were seen: (metrics, rows,
     columns) float32.
 
-    Squares are counted from the terrain's north-west corner. folder: where the blocks of the result
-    are written.
+    Squares are counted from the terrain's north-west corner. folder: where blocks are written.
     """
     cell_m = terrain.grid.cell_m
     size = max(3, round(square_m / cell_m))
@@ -165,9 +162,7 @@ def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def _plane(heights: Heights, cell_m: float) -> tuple[Any, Any, Heights]:
-    """Rise to the east and to the north of the fitted plane (...), and what is left of the heights
-    (..., H, W) without it.
-    """
+    """Rise to the east and north of the fitted plane (...), and the heights without it."""
     known = np.isfinite(heights)
     rows, columns = np.mgrid[: heights.shape[-2], : heights.shape[-1]] * cell_m
     away = [
@@ -183,8 +178,7 @@ def _plane(heights: Heights, cell_m: float) -> tuple[Any, Any, Heights]:
 
 
 def surface_rugosity(heights: Heights, cell_m: float) -> Any:
-    """(...) area of surfaces (..., H, W) over their planar area; NaN where no four neighboring
-    cells are known.
+    """(...) area of surfaces (..., H, W) over their planar area; NaN without four known neighbors.
 
     Between each four neighbors lie two triangles; both ways to halve the square are averaged.
     """

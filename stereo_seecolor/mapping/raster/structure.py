@@ -1,6 +1,4 @@
-"""Structure of a site at several scales: mean over squares of an edge, standard deviation among
-them, and standard error.
-"""
+"""Structure of a site at several scales: mean over squares, deviation, standard error."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields, replace
@@ -140,8 +138,7 @@ def structure(
 ) -> list[StructureAtScale]:
     """Compute the structure at each scale of which the site holds a square.
 
-    mesh_m2: the area of mesh over each cell of a grid (H, W); without it the rugosity of the mesh
-    is NaN.
+    mesh_m2: the area of mesh over each cell of a grid (H, W); without it its rugosity is NaN.
     """
     cells = resolved_cells(errors.correlation_m, terrain.grid.cell_m)
     coarse = terrain.averaged(cells)
@@ -312,8 +309,7 @@ def windows_of(
     first: tuple[int, int] = (0, 0),
     own: Window | None = None,
 ) -> list[Window]:
-    """The squares of an edge that were seen well enough, counted from a terrain's north-west
-    corner.
+    """The squares of an edge that were seen well enough, from a terrain's north-west corner.
 
     known: (H, W) of the terrain or of a part of it. first: row and column of the part's first cell
     in the terrain. own: only squares whose first cell lies there, in cells of the part.

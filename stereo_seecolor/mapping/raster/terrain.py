@@ -18,9 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """The highest surface over each cell of ``grid``: height_m (H, W), color (H, W, 3) 0..255 as
-    float32; NaN where unknown.
-    """
+    """The highest surface over cells: height_m (H, W), color (H, W, 3) 0..255 float32; or NaN."""
 
     grid: Grid
     height_m: NDArray[np.float64]
@@ -44,9 +42,7 @@ class Terrain:
         return np.stack([x, y, self.height_m], axis=-1)
 
     def averaged(self, cells: int) -> "Terrain":
-        """The terrain in cells that are so many times as long and wide, without colors; what does
-        not fill one is left out.
-        """
+        """The terrain in cells so many times as wide, without colors or incomplete cells."""
         grid = self.grid
         height_m = averaged(self.height_m, cells)
         coarse = Grid(
@@ -96,7 +92,5 @@ def render_terrain(surfaces: Iterable[Surface], grid: Grid, folder: Path) -> Blo
 
 
 def known_area_m2(blocks: Iterable[NDArray[np.floating]], cell_m: float) -> float:
-    """The planar area that a map shows: of all cells of its terrain that have a height. blocks: of
-    heights, NaN where unknown.
-    """
+    """The planar area that a map shows: of cells with a height. blocks: of heights, or NaN."""
     return sum(int(np.isfinite(heights).sum()) for heights in blocks) * cell_m**2

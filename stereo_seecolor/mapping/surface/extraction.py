@@ -49,8 +49,7 @@ PART_BLOCKS = 64
 
 
 def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
-    """Extract the surface: where the signed distance is zero and all eight voxels around have
-    weight.
+    """The surface: where the signed distance is zero and all eight voxels around have weight.
 
     own: (b,) numbers of the blocks whose cubes are searched. The cubes of a block reach to the
     first voxels of the next block: each belongs to one block. So tiles that share no own block

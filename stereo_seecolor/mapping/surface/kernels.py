@@ -118,8 +118,7 @@ def in_sight(
     truncation_m: float,
     seen: Any,  # (B,) bool, written
 ) -> None:
-    """Write of which blocks a part may lie in front of a measurement, or no deeper behind it than
-    the truncation.
+    """Write of which blocks a part may lie before a measurement, or within the truncation behind.
 
     Of each block its enclosing sphere is compared with the deepest measurement in the window of the
     image that it covers.

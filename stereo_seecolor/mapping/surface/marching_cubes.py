@@ -41,9 +41,7 @@ def _place(b: Any, k: Any, j: Any, i: Any, around: Any) -> Any:
 
 @compiled
 def _gather(b: Any, around: Any, tsdf: Any, weight: Any, least: Any, low: int, wide: Any) -> None:
-    """Signed distances of a block and of the voxels around it from ``low`` on into wide (w, w, w);
-    NaN where weights are low.
-    """
+    """Signed distances of a block and voxels around into wide (w, w, w); NaN for low weights."""
     size = len(wide)
     for k in range(size):
         for j in range(size):
@@ -120,8 +118,7 @@ def place_points(
     first: int,
     last: int,
 ) -> None:
-    """Number the points of the blocks from first to last - 1, and write their positions, normals
-    and colors.
+    """Number the points of the blocks from first to last - 1; write positions, normals and colors.
 
     volume: tsdf, weight, color (B, 8, 8, 8, 3) and color_weight. starts: (B,) the number of each
     block's first point. points: positions (V, 3) float32, meters; unit normals (V, 3) float32,
@@ -189,9 +186,7 @@ def _mix(a: Any, b: Any, share: Any, color: Any) -> None:
 def list_triangles(
     own: Any, around: Any, tables: Any, found: Any, starts: Any, indices: Any, first: int, last: int
 ) -> None:
-    """Write the triangles of the blocks own[first:last] to indices (T, 3) int32. starts: (B,) the
-    first one of each block.
-    """
+    """Write the triangles of blocks own[first:last] to indices (T, 3). starts: (B,) of blocks."""
     counts, edges, ends = tables
     cases, numbers = found
     for b in own[first:last]:

@@ -19,8 +19,7 @@ the columns left to right - 1.
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPixels:
-    """Buffers that one frame after the other is weighed in: new memory for each would take as long
-    as the work.
+    """Buffers that one frame after the other is weighed in: new memory takes as long as the work.
 
     camera: (3,) focal_px, cx, cy. depth_m, weight, inverse, deepest_m, slant_factor: as the kernels
     write them, valid in the cells that were weighed last.

@@ -1,5 +1,4 @@
-"""Fusion of a tile by Open3D (``mapping.engine: open3d``): its VoxelBlockGrid in place of our own
-voxels.
+"""Fusion of a tile by Open3D (``mapping.engine: open3d``): its VoxelBlockGrid for our voxels.
 
 It weighs all measurements alike, so those too uncertain to make a surface in a single view are left
 out. Imported only where it is chosen; the import fails with the command that installs Open3D.

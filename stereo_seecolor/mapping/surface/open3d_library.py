@@ -1,6 +1,4 @@
-"""Open3D, the optional library that fuses maps (``mapping.engine: open3d``) and opens the window
-onto one (``view --window``).
-"""
+"""Open3D, the optional library that fuses maps and opens the window onto one."""
 
 from typing import Any
 

@@ -19,8 +19,7 @@ MOST_EDGES = 24
 def closed(
     points_m: NDArray[np.floating], triangles: NDArray[np.integer], cell_m: float
 ) -> NDArray[np.int64]:
-    """Add triangles in the holes of a mesh that have three edges, or lie within two cells along
-    each axis.
+    """Add triangles in the holes of a mesh that have three edges, or span two cells at most.
 
     points_m: (V, 3). triangles: (T, 3), all facing the same side. cell_m: edge of the cells that
     the mesh was made from. No point is added; returns (T + added, 3) int64. A hole that touches

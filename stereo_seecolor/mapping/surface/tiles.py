@@ -55,9 +55,7 @@ class Tiling:
 
 
 def cut(component: Component, voxel_m: float, tile_m: float) -> Tiling:
-    """Find the blocks of voxels that the frames' surfaces pass through, and distribute them to
-    square tiles of edge ``tile_m``.
-    """
+    """The blocks of voxels that surfaces pass through, in square tiles of edge ``tile_m``."""
     block_m, reach_m = BLOCK * voxel_m, TRUNCATION_VOXELS * voxel_m
     tile_blocks = int(np.clip(round(tile_m / block_m), 1, OFFSET))
     boxes = _boxes(component, reach_m, block_m)

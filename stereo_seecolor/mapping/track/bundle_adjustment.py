@@ -50,8 +50,7 @@ class Adjusted:
     """T_world_camera: (N, 4, 4). std: (N, 2) standard errors of the position (m) and the attitude
     (rad), all axes together.
 
-    scale: (2,) how many times larger than stated the errors of directions and of inverse depths
-    turned out.
+    scale: (2,) how many times larger than stated errors of directions and inverse depths are.
     """
 
     T_world_camera: Array
@@ -120,8 +119,7 @@ def _scales(problem: BundleProblem, state: State, used: tuple[float, float]) -> 
 
 
 def _std(problem: BundleProblem, state: State, shared: Iterable[Array]) -> Array:
-    """(N, 2) of position and attitude: by errors of each observation, and by those that views
-    share.
+    """(N, 2) of position and attitude: by each observation's errors, and those of views.
 
     All NaN where errors grow so far along an open track, some hundreds of meters, that double
     precision does not hold them.

@@ -1,6 +1,4 @@
-"""Features of a survey's frames on disk: memory stays bounded, workers share them, and a track that
-was stopped continues.
-"""
+"""Features of a survey's frames on disk: memory is bounded, and a stopped track continues."""
 
 import shutil
 import tempfile

@@ -12,9 +12,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class KnownLength:
-    """The distance between the mean of some points and that of others, by their numbers; meters,
-    with its standard error.
-    """
+    """The distance between means of two groups of points; meters, with its standard error."""
 
     first: tuple[int, ...]
     second: tuple[int, ...]

@@ -68,9 +68,7 @@ def _footprint(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], floa
 
 
 def between_components(components: NDArray[np.int64]) -> Pairs:
-    """List pairs of frames of different components (N,), -1 for none, thinned out evenly where
-    there are too many to try.
-    """
+    """Pairs of frames of different components (N,), -1 for none, thinned out evenly."""
     placed = np.flatnonzero(components >= 0)
     labels = components[placed]
     own = np.zeros(len(placed), np.int64)
@@ -100,8 +98,7 @@ def lengths_m(T_world_camera: NDArray[np.float64], order: NDArray[np.int64]) -> 
 def is_plausible(
     loop: Edge, T_world_camera: NDArray[np.float64], ends_m: NDArray[np.float64]
 ) -> bool:
-    """Tell whether a loop contradicts the track by no more than the track can drift between its
-    ends.
+    """Whether a loop contradicts the track by no more than it can drift between its ends.
 
     ends_m: (2,) length of the track at both ends.
     """

@@ -1,6 +1,4 @@
-"""Feature matching of two frames whose relative pose is roughly known: each feature is searched
-around its expected place alone.
-"""
+"""Feature matching of frames of roughly known relative pose, around expected places alone."""
 
 from typing import Any
 

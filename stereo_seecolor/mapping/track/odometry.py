@@ -108,9 +108,7 @@ class Track:
         self.edges += self.measure(pairs, what, guess=guess, sure=True)
 
     def take_out_image_errors(self) -> None:
-        """Correct all features for the errors that the images have in common, and measure the edges
-        again from the same points.
-        """
+        """Correct all features for errors common to the images, and measure the edges again."""
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
         pairs = Changed(known, partial(seen_pair, self.features))
         survey = self.survey
@@ -149,8 +147,7 @@ def follow(survey: Survey) -> Track:
     """Measure each frame, in the order of time, against the ones before it; then again without the
     errors that all images have.
 
-    The last frame comes first; poses from it tell where features of the frames before that are
-    searched.
+    The last frame comes first; its poses tell where to search earlier frames.
     """
     track = _featured(survey)
     guess: Guess | None = None
@@ -219,8 +216,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
     """Place the frames by all edges that were measured, loops included, and by priors: those of
     ``given``'s frames.
 
-    Frames that the pictures do not connect keep their place by their priors, in the components of
-    ``given``.
+    Frames that the pictures do not connect keep their place by priors, in components of ``given``.
     """
     index = track.survey.index
     for component in range(len(given.sizes)):
@@ -247,9 +243,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
 def _close_loops(
     track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int
 ) -> Guess:
-    """Solve; then find loops by appearance and overlap and solve again, in some rounds: overlap is
-    better known after each.
-    """
+    """Solve; then find loops and solve again, in rounds: overlap is better known after each."""
     guess = _settle(track, guess, priors)
     for number in range(rounds):
         inside, joins = _sorted_loops(track, guess, _measure_loops(track, guess, number))
@@ -296,9 +290,7 @@ def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
 
 
 def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior]) -> Guess:
-    """Solve each component; drop the false loops, let components fall apart that only they held
-    together, and solve again.
-    """
+    """Solve each component; drop false loops, split what only they held, and solve again."""
     T, false = _solve(guess, track.edges, priors)
     if not false:
         return Guess(T, guess.components)

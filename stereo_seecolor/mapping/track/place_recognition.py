@@ -1,6 +1,4 @@
-"""Place recognition: frames that look alike, found by one vector for each frame and an inverted
-index of cells of vectors.
-"""
+"""Place recognition: one vector a frame, and an inverted index of cells of vectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -25,9 +25,7 @@ UNKNOWN = 1e4
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The pose that navigation gives a frame: T_world_camera (4, 4), and its standard errors;
-    position_std_m: (3,) in world axes.
-    """
+    """A frame's pose by navigation: T_world_camera (4, 4); position_std_m: (3,) in world axes."""
 
     frame: int
     T_world_camera: NDArray[np.float64]
@@ -50,8 +48,7 @@ def solve(
     edges: Sequence[Edge],
     priors: Sequence[Prior] = (),
 ) -> tuple[NDArray[np.float64], list[Edge]]:
-    """Poses that agree best with edges and priors, and the edges that do not fit the rest: false
-    loops.
+    """Poses that agree best with edges and priors, and edges that do not fit: false loops.
 
     T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must
     connect them all; the first stays put where there are no priors. Levenberg-Marquardt under a

@@ -76,9 +76,7 @@ class SemiGlobalMatching:
 
 
 def bands(coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest: int) -> Band:
-    """The bands of an image of that shape around disparities at 1 / scale of its size, from which
-    speckles are removed first.
-    """
+    """The bands around disparities at 1 / scale of the size, without speckles."""
     remove_speckles(coarse, CONSTANTS.coarse_speckle_px)
     return Band.around(coarse, scale, shape, lowest, highest)
 

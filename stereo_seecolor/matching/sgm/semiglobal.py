@@ -286,9 +286,7 @@ def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> Non
 def _slide(
     paths: Any, source: int, target: int, low: int, count: int, new_low: int, new_count: int
 ) -> None:
-    """Copy costs of TILE pixels over the band low.. to where the band new_low.. finds them; what
-    only this one has is FAR.
-    """
+    """Copy costs of TILE pixels from band low.. to where new_low.. finds them; others are FAR."""
     for k in range(0, new_count, LANES):
         first = k + new_low - low
         block = first // LANES
@@ -303,9 +301,7 @@ def _slide(
 
 @compiled
 def _choose(sums: Any, band: Any, origin: int, winner: Any, claims: Any) -> None:
-    """One row: each left pixel's best disparity and the sums around it; each right pixel's best
-    among all that look at it.
-    """
+    """One row: each left pixel's best disparity and sums around; each right pixel's best."""
     width = winner.shape[1] - TILE
     claims[:] = 0xFFFFFFFF
     for tile in range(band.shape[1]):

@@ -1,5 +1,4 @@
-"""Four pixels, sixteen disparities each, at a time: the few vector steps that semi-global matching
-is made of.
+"""Four pixels, sixteen disparities each, at a time: the vector steps of semi-global matching.
 
 Numba widens 8 and 16-bit arithmetic to 64 bits and so misses the vector unit, so each step is
 written out as LLVM vector code, which every processor that numba knows can run. All arrays are C
@@ -106,8 +105,7 @@ def step(
     builder: Any, paths: _Memory, before: Any, now: Any, cost: _Memory, c: Any, cost_stride: Any,
     p2: _Memory, j: Any, p2_stride: Any,
 ) -> None:  # fmt: skip
-    """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller
-    2008, eq. 13).
+    """One step of the paths of four pixels of LANES disparities each (Hirschmueller 2008, eq. 13).
 
     paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + P2) - floor for b
     = paths[before:], floor each pixel's least b, P1 = P2 >> P1_SHIFT. The pixels' costs lie
@@ -271,8 +269,7 @@ def smallest_but(builder: Any, a: _Memory, i: Any, center: Any) -> Any:
 
 @_step_of(_ARRAY, _INDEX, types.int16, _ARRAY, _INDEX)
 def claim(builder: Any, sums: _Memory, i: Any, first: Any, best: _Memory, j: Any) -> None:
-    """The TILE x LANES uint16 sums[i:] of a row of a tile claim the pixels of the right image that
-    they look at.
+    """The TILE x LANES uint16 sums[i:] of a row of a tile claim pixels of the right image.
 
     best (uint32): sum * 2^16 + disparity - NEVER, the least wins, then the first pixel. Lane l of
     pixel p looks at best[j - p + l], with disparity first + l (int16). A sum of 2^16 - 1 claims

@@ -1,10 +1,8 @@
-"""The white point of a survey from targets of known color in its frames: grays of charts, white
-cards.
+"""The white point of a survey from targets of known color in its frames: grays, white cards.
 
     (I - B(z)) / A(z) = white * reflectance * brightness of the target
 
-Charts at several ranges also test the water: the color of their white is the same only if A and B
-are right.
+Charts at several ranges also test the water: their white is the same only if A and B are right.
 """
 
 from collections.abc import Iterator, Sequence
@@ -75,8 +73,7 @@ class SeenWhite:
     """The white of a target. range_m: median. white (3,): its color, as logarithms of mean 0.
     error: standard error of each.
 
-    patches: those of a chart, in the order of its type; empty for a card. type: of the chart, None
-    for a card.
+    patches: those of a chart, in the order of its type. type: of the chart. None for a card.
     """
 
     frame: str

@@ -130,8 +130,7 @@ class _Windows:
         """For each set of templates: (N,) the highest correlation over the pixels of its weight,
         and (N,) the angle's number.
 
-        matched: templates (P, K) and weights (P, K / 2): a chart upside down has the weights of one
-        that is not.
+        matched: templates (P, K) and weights (P, K / 2): upside down, weights are the same.
         """
         offsets = (np.arange(_SIDE)[:, None] * self.green.shape[1] + np.arange(_SIDE)).ravel()
         found = [

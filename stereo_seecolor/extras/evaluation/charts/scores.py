@@ -185,8 +185,7 @@ def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
 
 
 def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:
-    """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a
-    pixel out.
+    """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where it leaves a pixel out.
 
     image: as ``Response.standard`` encoded it, for every method.
     """

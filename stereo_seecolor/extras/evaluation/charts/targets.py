@@ -140,8 +140,7 @@ def read_targets(path: Path) -> Targets:
 def targets_of(
     given: list[dict[str, NDArray[np.float64]]], image: Image, range_m: Map
 ) -> tuple[Target, ...]:
-    """The given targets of an image; without any, charts found in it; without any of these, white
-    cards.
+    """The given targets of an image; without any, charts found in it; else white cards.
 
     A card may have ranges at its border only, since it has no texture to match; they are carried
     over to its inside.

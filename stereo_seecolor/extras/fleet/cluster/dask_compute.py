@@ -122,8 +122,7 @@ class DaskCompute:
     ) -> Iterator[Result]:
         """``work`` of every item of ``batches``, in order.
 
-        at_once: the number of batches to do at once, from the number of threads of each worker, by
-        address.
+        at_once: how many batches to do at once, from each worker's threads by address.
         """
         waiting: deque[tuple[Future, list[Item]]] = deque()
         done = False

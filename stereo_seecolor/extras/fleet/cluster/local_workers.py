@@ -48,8 +48,7 @@ class Orders:
     """The workers to start: number and scheduler's address. memory_bytes: a worker that takes more
     is ended.
 
-    scratch: a folder for their files. keys: their part of the run's keys, which goes through the
-    pipe alone.
+    scratch: a folder for their files. keys: their part of the run's keys, through the pipe alone.
     """
 
     address: str

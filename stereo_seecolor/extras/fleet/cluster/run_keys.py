@@ -1,8 +1,7 @@
 """Keys made for one run: scheduler, workers and client of a cluster that this program starts know
 each other by them.
 
-Without, whoever reaches a port of Dask's, as every user of the machine does, sends it pickled code,
-which it runs.
+Without, whoever reaches a port of Dask's, as every user does, sends it pickled code to run.
 """
 
 import os

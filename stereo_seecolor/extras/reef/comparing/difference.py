@@ -1,5 +1,4 @@
-"""The difference of two terrains, cell by cell, with standard errors calibrated on stable ground of
-this site.
+"""The difference of two terrains, cell by cell, with standard errors calibrated on stable ground.
 
 The errors of both terrains, also beside their holes, and of the registration add up. What they do
 not know, such as voxels that fall differently on rough ground, is read off ground that did not
@@ -113,8 +112,7 @@ def difference(
 
 
 def relearned(difference: Difference, changed: Mask) -> Difference:
-    """Estimate the errors again from all ground but what certainly changed, which is known only at
-    the end.
+    """Estimate the errors again from all ground but what certainly changed, known only at the end.
 
     While patches were looked for, ground that differed much was left out, whether it had changed or
     its errors were large.
@@ -146,8 +144,7 @@ def spread_by(size: Array, std: Array, stable: Mask) -> Array:
     """Estimate the spread of what should be of unit spread, as a function of std: (H, W), such that
     95 % of stable ground lie within 1.96.
 
-    size: (H, W) absolute values. A value for each bin of std, between the bins' middles
-    interpolated.
+    size: (H, W) absolute values. A value for each bin of std, interpolated between.
     """
     used = stable & np.isfinite(std) & np.isfinite(size)
     bins = int(min(SETTINGS.bins, used.sum() // SETTINGS.fewest))

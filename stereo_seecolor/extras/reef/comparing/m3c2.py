@@ -1,5 +1,4 @@
-"""M3C2 distances between two surfaces, along the normal of the ground, overhangs and slopes
-included.
+"""M3C2 distances between two surfaces, along the ground's normal, at overhangs, too.
 
 M3C2 (Lague, Brodu and Leroux 2013, ISPRS J. 82): around each core point the mean place of both
 surfaces in a cylinder along the normal. Its level of detection carries the standard errors of the

@@ -1,5 +1,4 @@
-"""The motion that most matched points agree on: RANSAC on triples, then least squares on the
-inliers.
+"""The motion that most matched points agree on: RANSAC on triples, then least squares.
 
 Both surveys are metric, so a triple whose sides differ is not a match: most wrong ones end there. A
 scale is left to the least squares: each calibration is wrong by some thousandths or hundredths.

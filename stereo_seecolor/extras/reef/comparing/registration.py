@@ -79,8 +79,7 @@ class Registration:
         """(...,) standard error of the height over a place, through the registration alone, of
         ground through points (..., 3).
 
-        slopes: (2, ...) its rise to the east and to the north: there a shift sideways is one of
-        height.
+        slopes: (2, ...) its rise to the east and to the north, where shifts sideways are of height.
         """
         arm, (east, north) = points_m - self.center_m, slopes
         normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
@@ -128,9 +127,8 @@ def _checked(
     if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
         raise ComparingError(
             f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: "
-            f"{SETTINGS.stable:.0%}); features "
-            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most "
-            f"{1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+            f"{SETTINGS.stable:.0%}); features and surfaces are {1000 * apart_m:.0f} mm apart (at "
+            f"most {1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
         )
     agreeing = int(coarse.inliers.sum())
     return Registration(

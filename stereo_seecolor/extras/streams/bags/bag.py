@@ -158,8 +158,7 @@ def is_bag(path: Path) -> bool:
 
 
 def open_bag(path: Path) -> Bag:
-    """Walk a bag: a file (.bag, .bag.active, .db3, .mcap), or a folder with all the files of one
-    that was split.
+    """Walk a bag: a file (.bag, .bag.active, .db3, .mcap), or a folder of one that was split.
 
     Raises InputError if it is missing, no bag, or holds no message that can be read; DeviceError if
     a library is missing.

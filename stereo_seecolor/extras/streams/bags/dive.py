@@ -55,8 +55,7 @@ class BagDive:
     infos: tuple[Topic | None, Topic | None]
 
     def rig(self) -> StereoRig:
-        """The rig that the bag holds: by both camera_info, and where these hold no baseline by
-        /tf_static.
+        """The rig that the bag holds: by both camera_info, else by /tf_static.
 
         Raises InputError if it holds none, CalibrationError if it is none of a stereo pair.
         """

@@ -22,6 +22,7 @@ from stereo_seecolor.extras.streams.bags.bag import (
 from stereo_seecolor.extras.streams.bags.foxglove import parse_foxglove
 from stereo_seecolor.files.image_headers import JPEG_SIGNATURE, PNG_SIGNATURE
 from stereo_seecolor.files.tiff import encode_tiff
+from stereo_seecolor.inputs.images import BAYER_CODES
 
 CHANNELS = {
     "mono8": 1, "8UC1": 1, "mono16": 1, "16UC1": 1,
@@ -31,14 +32,7 @@ CHANNELS = {
 """Encoding of sensor_msgs/Image -> channels. 8UC3 is OpenCV's own order, blue first."""
 
 BAYER = {
-    f"bayer_{pattern}{bits}": code
-    for pattern, code in {
-        "rggb": cv2.COLOR_BayerRGGB2RGB,
-        "bggr": cv2.COLOR_BayerBGGR2RGB,
-        "gbrg": cv2.COLOR_BayerGBRG2RGB,
-        "grbg": cv2.COLOR_BayerGRBG2RGB,
-    }.items()
-    for bits in (8, 16)
+    f"bayer_{pattern}{bits}": code for pattern, code in BAYER_CODES.items() for bits in (8, 16)
 }
 PACKED = {
     "yuv422": cv2.COLOR_YUV2RGB_UYVY,
@@ -180,8 +174,7 @@ def _compressed(message: Any) -> bytes:
     """The image file in a CompressedImage. compressedDepth, with or without the word png after it,
     puts 12 bytes before the file.
 
-    Of depths in meters (32FC1) the file holds their inverse, coded by those bytes: such are not
-    read.
+    Of depths in meters (32FC1) the file holds their inverse, coded by those: not read.
     """
     content, form = bytes(message.data), str(message.format)
     if "compressedDepth" not in form or form.startswith("32FC1"):

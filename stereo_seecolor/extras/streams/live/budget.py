@@ -28,8 +28,7 @@ CONSTANTS = BudgetConstants()
 class Budget:
     """Chooses the size at which images are matched: 1/shrink, with shrink 1, 2 or 4.
 
-    budget_s: seconds from reading a pair to its corrected image; None for no limit: shrink is then
-    always 1.
+    budget_s: seconds from reading a pair to its corrected image; None: no limit, shrink is 1.
     """
 
     def __init__(self, budget_s: float | None) -> None:

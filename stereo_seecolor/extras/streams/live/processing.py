@@ -26,8 +26,7 @@ class LiveFrame:
 
 
 class LiveProcessor:
-    """Measures each pair, and removes the water that is fitted to the last frames, 20 or
-    ``color.lock``.
+    """Measures pairs, and removes the water of the last frames, 20 or ``color.lock``.
 
     Method paper trains its networks for ``color.paper.iterations_per_frame`` steps on each pair, or
     as many as its budget leaves.

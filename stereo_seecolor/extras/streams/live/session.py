@@ -58,8 +58,7 @@ class LiveSource(Protocol):
 
 
 def first_size(source: LiveSource) -> tuple[int, int]:
-    """The (width, height) of the left image of the first pair that can be read, which stays to be
-    taken.
+    """The (width, height) of the left image of the first pair that can be read; it stays.
 
     Waits for it. Raises InputError where the source ends without one.
     """
@@ -107,8 +106,7 @@ class LiveCounts:
 class LiveSession:
     """A live session. source: of pairs. process: corrects a pair.
 
-    finish: makes the outputs of a corrected pair, in another thread; an error of it ends the
-    session.
+    finish: makes the outputs of a corrected pair, in a thread; its error ends the session.
     """
 
     source: LiveSource
