@@ -265,22 +265,30 @@ def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair]
 
 
 def pair_files(
-    lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str
+    lefts: Sequence[Path],
+    rights: Sequence[Path],
+    config: InputConfig,
+    where: str,
+    complete: bool = True,
 ) -> Pairing:
-    """Pair files that are listed already, as ``pair_folders`` does. where: for messages. Raises
-    InputError if no pair is found.
+    """Pair files that are listed already, as ``pair_folders`` does. where: for messages. complete:
+    False while more files may come, so that a missing partner does not mean another clock or
+    counter. Raises InputError if no pair is found.
     """
-    return _settled(_Matching(list(lefts), list(rights), [], []), config, where)
+    return _settled(_Matching(list(lefts), list(rights), [], []), config, where, complete)
 
 
-def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
+def _settled(
+    matching: _Matching, config: InputConfig, where: str, complete: bool = True
+) -> Pairing:
     if config.pairing != "timestamp":
         _settle_by_name(matching)
     notes: tuple[str, ...] = ()
     if config.pairing != "name":
         matching.settle_by_time(config.timestamp_tolerance_s)
-        notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
-    by_number = not matching.pairs and config.pairing != "timestamp"
+        if complete:
+            notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
+    by_number = complete and not matching.pairs and config.pairing != "timestamp"
     if by_number:
         notes = _settle_by_number(matching)
     if matching.ambiguous:
@@ -290,7 +298,7 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         example = (
             f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
         )
-        if numbered_apart(matching.lefts, matching.rights):
+        if complete and numbered_apart(matching.lefts, matching.rights):
             raise InputError(
                 f"{where}: {len(matching.lefts)} left and {len(matching.rights)} right images are "
                 "numbered by each camera on its own: such files are paired in their order only "
