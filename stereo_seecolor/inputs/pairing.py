@@ -106,6 +106,7 @@ class Pairing:
     every file without a partner.
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
+    of_dive: number of pairs of the whole dive where these are a shard of it, else 0.
     missing_shards: shards of the dive whose pairs are not among these.
     wrong: numbers of the dive as a whole that are wrong, as notes say. ranges: the error of ranges
     as the check of the dive measured it, None where it could not. left_out: name of a pair that is
@@ -115,6 +116,7 @@ class Pairing:
     pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
+    of_dive: int = 0
     missing_shards: tuple[str, ...] = ()
     wrong: frozenset[Numbers] = frozenset()
     ranges: RangeError | None = None

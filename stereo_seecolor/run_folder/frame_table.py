@@ -65,7 +65,8 @@ class RunSummary:
     notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was
     interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
-    missing_shards: of the dive, which were not merged. wrong: numbers of the dive as a whole that
+    of_dive: pairs of the whole dive, for a shard of it. missing_shards: of the dive, which were not
+    merged. wrong: numbers of the dive as a whole that
     are wrong, as notes say. ranges: the error of ranges, where the check of the dive measured it.
     """
 
@@ -75,6 +76,7 @@ class RunSummary:
     stopped: bool = False
     products: tuple[ProductSummary, ...] = ()
     plan: Compared | None = None
+    of_dive: int = 0
     missing_shards: tuple[str, ...] = ()
     wrong: frozenset[Numbers] = frozenset()
     ranges: RangeError | None = None
@@ -123,6 +125,7 @@ class RunSummary:
             "notes": list(self.notes),
             **{f"{numbers}_are_wrong": True for numbers in sorted(self.wrong)},
             **({"range_error": asdict(self.ranges)} if self.ranges else {}),
+            **({"pairs_of_dive": self.of_dive} if self.of_dive else {}),
             **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),
         }
