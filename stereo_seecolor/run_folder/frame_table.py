@@ -165,6 +165,11 @@ class Problem:
     names: tuple[str, ...]
 
 
+def kind_of(text: str) -> str:
+    """The same for texts that differ in numbers alone."""
+    return _NUMBER.sub("", text)
+
+
 def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
     """Group errors and warnings into kinds, the most frequent first; those that differ in numbers
     alone are one kind.
@@ -173,7 +178,7 @@ def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
     for row in rows:
         for text in (*((row.error,) if row.error else ()), *row.warnings):
             what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
-            seen.setdefault(_NUMBER.sub("", what), (what, []))[1].append(row.name)
+            seen.setdefault(kind_of(what), (what, []))[1].append(row.name)
     return sorted(
         (Problem(what, tuple(names)) for what, names in seen.values()),
         key=lambda problem: -len(problem.names),

@@ -60,7 +60,8 @@ class LiveOptions:
     None for no page, 0 for any free port. budget_s: seconds that a pair may take; slower pairs are
     matched at half the size. cpus: number of processors to use, None for all. pairs: end after this
     number, corrected or failed, None to go on until Ctrl-C. announce: called with the page's
-    address, and with a line where no pair comes or pairs begin to fail.
+    address, and with a line where no pair comes, and for the first pair with each kind of
+    error or warning.
     """
 
     out: Path | None = None

@@ -20,6 +20,7 @@ from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import StereoFrame
+from stereo_seecolor.run_folder.frame_table import kind_of
 
 POLL_S = 0.004
 """Seconds between two polls of the source: they add 2 ms to the latency, and take 1 % of a
@@ -33,6 +34,9 @@ written.
 
 SILENT_S = 5.0
 """Seconds without a pair after which it is said what is waited for."""
+
+MOST_KINDS = 100
+"""Kinds of errors and warnings that are told: memory stays flat."""
 
 LATENCIES = 1000
 """Number of the last pairs whose latencies are kept."""
@@ -143,7 +147,8 @@ class LiveSession:
     """A live session. source: of pairs. process: corrects a pair.
 
     finish: makes the outputs of a corrected pair, in another thread; an error of it ends the
-    session. tell: called with a line where no pair comes, and where pairs begin to fail.
+    session. tell: called with a line where no pair comes, and for the first pair with each kind of
+    error or warning.
     """
 
     source: LiveSource
@@ -153,7 +158,7 @@ class LiveSession:
     tell: Callable[[str], None] = lambda _: None
     _behind: WorkBehind = field(default_factory=WorkBehind)
     _tried: tuple[str, float] = ("", 0.0)
-    _failing: bool = False
+    _kinds: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._notice = WaitNotice(self.tell)
@@ -194,7 +199,8 @@ class LiveSession:
     def _corrected(self, frame: LiveFrame, arrived_s: float) -> None:
         self.counts.images_s.append(time.monotonic() - arrived_s)
         self.counts.done += 1
-        self._failing = False
+        for warning in frame.result.warnings:
+            self._tell_first(f"{frame.pair.name}: {warning}")
         self.counts.reduced = frame.reduced
 
         def finish() -> None:
@@ -207,9 +213,13 @@ class LiveSession:
         self.counts.failed += 1
         text = str(error)
         self.counts.last_error = text if pair.name in text else f"{pair.name}: {text}"
-        if not self._failing:
-            self._failing = True
-            self.tell(f"a pair failed: {self.counts.last_error}")
+        self._tell_first(f"a pair failed: {self.counts.last_error}")
+
+    def _tell_first(self, line: str) -> None:
+        kind = kind_of(line)
+        if kind not in self._kinds and len(self._kinds) < MOST_KINDS:
+            self._kinds.add(kind)
+            self.tell(line)
 
     def _may_be_growing(self, pair: Pair) -> bool:
         now_s = time.monotonic()
