@@ -1,15 +1,25 @@
 """The response of a dive's cameras, measured before the pairs are read."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from stereo_seecolor.checks.sample import evenly_spaced, of_each
-from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
+from stereo_seecolor.color.response.measure import (
+    UNDECIDED,
+    MeasuredResponse,
+    measure_jpeg,
+    measure_response,
+)
 from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.color_spaces import SPACES
+from stereo_seecolor.files.image_headers import jpeg_quantization
+from stereo_seecolor.inputs.capture import orientation
+from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.stated_encoding import stated_encoding, stated_space
 from stereo_seecolor.records import Image
@@ -38,6 +48,8 @@ def settle_response(
     files = [pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES)]
     images = _read(files, config.input)
     left, right = _measured(files, images), UNDECIDED
+    if left.verdict == "undecided" and (steps := _common_quantization(files)):
+        left = measure_jpeg(images, steps)
     if has_right:
         files = [pair.right for pair in evenly_spaced(pairs, RIGHT_FRAMES)]
         right = _measured(files, _read(files, config.input))
@@ -96,6 +108,16 @@ def _balanced(images: Sequence[Image]) -> tuple[str, ...]:
 
 def _measured(files: Sequence[Path], images: Sequence[Image]) -> MeasuredResponse:
     return measure_response(images, stated_encoding(files[0]) if files else None)
+
+
+def _common_quantization(files: Sequence[Path]) -> bytes:
+    """The steps of upright JPEGs that all have the same; else empty."""
+    steps = set[bytes]()
+    for path in files:
+        with suppress(InputError):  # the run names it
+            content = read_image_bytes(path)
+            steps.add(jpeg_quantization(content) if orientation(content) == 1 else b"")
+    return steps.pop() if len(steps) == 1 else b""
 
 
 def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from stereo_seecolor.color.response.jpeg_noise import jpeg_noise_curve
 from stereo_seecolor.color.response.laws import DECODERS, LEAST_BINS, Law, fit_law, pedestal_law
 from stereo_seecolor.color.response.noise import (
     Blocks,
@@ -36,6 +37,11 @@ encoded by sRGB; two of these at half size, and three encoded by a gamma of 1.8.
 """
 DEEP_FRAMES = 3
 """Least number of frames for this: the noise of one alone is too uncertain."""
+JPEG_LINEAR, JPEG_MISFIT = 2.2, 0.15
+"""Least ratio for a doubt, and largest misfit, of JPEGs. Linear frames of a real dive, of quality
+90 to 100, have 2.7 to 5.9 and at most 0.08, encoded by sRGB 0.8 to 1.0. But encoded images whose
+camera smoothed the dark have up to 6.3, too (synthetic): linear light is never decided.
+"""
 MOST_MISFIT = 0.35
 """Largest misfit of a law, logarithm, rms."""
 MOST_WHITENESS = 3.3
@@ -59,7 +65,8 @@ class MeasuredResponse:
     Attributes:
         response: sRGB if undecided.
         verdict: linear, encoded, or undecided.
-        ratio: Misfit of the encoded law divided by that of the linear one; NaN without noise.
+        ratio: Misfit of the encoded law divided by that of the linear one; NaN without noise, and
+            for most undecided ones.
     """
 
     response: Response
@@ -85,6 +92,12 @@ class MeasuredResponse:
             )
         if self.verdict == "linear":
             return f"linear light: noise grows in proportion to brightness{self._pedestal}"
+        if self.verdict == "undecided" and self.ratio > JPEG_LINEAR:
+            return (
+                "read as sRGB, but the noise that JPEG compression left fits linear light better, "
+                f"by a factor of {self.ratio:.1f}: if the camera has no gamma and no noise "
+                "reduction, set color.input_encoding=linear"
+            )
         if self.verdict == "encoded":
             return f"encoded for a screen, read as sRGB{self._pedestal}"
         return (
@@ -123,6 +136,26 @@ def measure_response(
     if stated == "linear":
         return MeasuredResponse(Response("linear"), "linear", np.nan)
     return replace(measured, verdict="encoded")
+
+
+def measure_jpeg(images: Sequence[Image], steps: bytes) -> MeasuredResponse:
+    """Measure whether JPEGs are encoded; undecided where they look linear, too, with the ratio.
+
+    steps: of their quantization, as for ``jpeg_noise_curve``.
+    """
+    curve = jpeg_noise_curve(images, steps)
+    if curve is None:
+        return UNDECIDED
+    every = np.ones(len(curve.mean), np.bool_)
+    linear = fit_law(curve, every, "linear")
+    encoded = min(fit_law(curve, every, law) for law in ("srgb", "gamma"))
+    ratio = encoded.misfit / max(linear.misfit, 1e-3)
+    flat = linear.zero < -FLAT and ratio < CONTRADICTED
+    if encoded.misfit < JPEG_MISFIT and (ratio < 1 / CONTRADICTED or flat):
+        return MeasuredResponse(Response(), "encoded", ratio)
+    if ratio > JPEG_LINEAR and linear.misfit < JPEG_MISFIT:
+        return replace(UNDECIDED, ratio=ratio)
+    return UNDECIDED
 
 
 def _is_deep(image: Image) -> bool:
