@@ -106,9 +106,7 @@ class ComparedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows: raw,
-    corrected, and of each other method.
-    """
+    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows, by method."""
 
     views: tuple[NDArray[np.float32], ...]
     range_m: Map

@@ -1,6 +1,4 @@
-"""``water``: measure the water of a finished run, for another run with ``--water``: from
-overlapping frames, or from charts.
-"""
+"""``water``: measure the water of a finished run from overlapping frames, or from charts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -236,9 +234,7 @@ def _reading(
 
 @dataclass(frozen=True, eq=False)
 class _TargetSearch:
-    """Finds the charts and white cards of a frame. targets: given ones, by frame; None where frames
-    are searched for charts.
-    """
+    """Finds charts and white cards of a frame. targets: given, by frame; None: to be searched."""
 
     names: tuple[str, ...]
     frames: SurveyFrames
