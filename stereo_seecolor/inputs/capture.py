@@ -76,8 +76,8 @@ ASPECT = 0.02
 
 
 def framing(content: bytes, size: tuple[int, int]) -> str:
-    """How a picture of ``size`` was cut out of the sensor's, as far as the file's metadata say,
-    such as "has a digital zoom of 1.5"; "" where nothing is said.
+    """How a picture of ``size``, pixels, was cut out of the sensor's, as far as its
+    metadata say, such as "has a digital zoom of 1.5"; "" where nothing is said.
     """
     nothing: _Tags = {}
     tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)

@@ -1,4 +1,6 @@
-"""``water``: measure the water of a finished run from overlapping frames, or from charts."""
+"""``water``: measure the water of a finished run, for another run with ``--water``: from
+overlapping frames, or from charts.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

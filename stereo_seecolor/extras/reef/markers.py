@@ -38,7 +38,9 @@ MOST_LOOKED_AT = 20
 
 @dataclass(frozen=True)
 class Known:
-    """Known lengths and places of markers. edge_m: of the black border. bars, points: CSV files."""
+    """Known lengths and places of markers. edge_m: edge of the black border of each. bars, points:
+    CSV files (docs/markers.md).
+    """
 
     edge_m: float | None = None
     family: str = "36h11"

@@ -22,7 +22,9 @@ def sampled(picture: NDArray[np.float32], pixels: Array) -> Array:
 
 
 def correlations(values: Array, reference: Array) -> Array:
-    """(K, 3) correlation of values (K, N, 3) with (N, 3), by channel; -1 without variation."""
+    """(K, 3) correlation of values (K, N, 3) with a reference (N, 3), by channel; -1 where values
+    are NaN or do not vary.
+    """
     b = reference - reference.mean(axis=0)
     products = np.einsum("knc,nc->kc", values, b)
     sums = np.ones(values.shape[1]) @ values  # several times faster than values.sum(axis=1)
