@@ -27,7 +27,7 @@ from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
-from stereo_seecolor.errors import ColorError
+from stereo_seecolor.errors import ColorError, MatchingError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.images import as_image, read_image
@@ -250,7 +250,8 @@ class Pipeline:
         """The response of a frame that came without a dive: the first one is measured."""
         if self._measures_response:
             found = measure_response([frame.left])
-            self.response, self._measures_response = found.response, False
+            self.response = replace(found.response, space=self.response.space)
+            self._measures_response = False
             color = self.config.color.model_copy(update=found.settings)
             self.corrector.config = standard_config(color)
         return self.response.of_frame(frame.left)
@@ -293,6 +294,8 @@ class Pipeline:
             as_image(image, f"{frame.name or 'frame'}: the {side} image")
             for side, image in (("left", frame.left), ("right", frame.right))
         )
+        if np.array_equal(left, right):
+            raise MatchingError(f"{frame.name or 'frame'}: left and right are the same image")
         frame = replace(frame, left=left, right=right)
         with clock("rectify"):
             rectified = self.rectify(frame)

@@ -9,8 +9,9 @@ import numpy as np
 from stereo_seecolor.checks.sample import evenly_spaced, of_each
 from stereo_seecolor.color.response.measure import UNDECIDED, MeasuredResponse, measure_response
 from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.files.color_spaces import SPACES
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.inputs.stated_encoding import stated_encoding
+from stereo_seecolor.inputs.stated_encoding import stated_encoding, stated_space
 from stereo_seecolor.records import Image
 
 LEFT_FRAMES, RIGHT_FRAMES = 6, 3
@@ -27,12 +28,13 @@ differs by more (13 %), since other frames are of one scene.
 def settle_response(
     config: RunConfig, pairs: Sequence[Pair], has_right: bool = True
 ) -> tuple[RunConfig, tuple[str, ...]]:
-    """Settle ``color.input_encoding`` where it is auto, with the pedestal. has_right: the second
-    file of a pair is an image, too. Returns the settings, and a note on what was measured; none for
-    images encoded for a screen, as most are.
+    """Settle ``color.input_encoding`` where it is auto, with the pedestal, and the color space.
+    has_right: the second file of a pair is an image, too. Returns the settings, and notes on what
+    was found; none for images encoded by sRGB, as most are.
     """
+    config, of_space = _settle_space(config, pairs)
     if config.color.input_encoding != "auto":
-        return config, ()
+        return config, of_space
     files = [pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES)]
     images = _read(files, config.input)
     left, right = _measured(files, images), UNDECIDED
@@ -40,8 +42,27 @@ def settle_response(
         files = [pair.right for pair in evenly_spaced(pairs, RIGHT_FRAMES)]
         right = _measured(files, _read(files, config.input))
     color = config.color.model_copy(update=left.settings)
-    notes = (*_notes(left, right), *_balanced(images))
+    notes = (*of_space, *_notes(left, right), *_balanced(images))
     return config.model_copy(update={"color": color}), notes
+
+
+def _settle_space(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
+    """Settle ``color.input_space`` where it is auto and the first file states another than sRGB."""
+    if config.color.input_space != "auto" or not pairs:
+        return config, ()
+    space, unknown = stated_space(pairs[0].left)
+    if unknown:
+        known = ", ".join(own.title for own in SPACES.values())
+        return config, (
+            f'response: the profile "{unknown}" of {pairs[0].left.name} is none of these: '
+            f"{known}: its colors are read as those of sRGB: convert the images to sRGB",
+        )
+    if space == "srgb":
+        return config, ()
+    color = config.color.model_copy(update={"input_space": space})
+    return config.model_copy(update={"color": color}), (
+        f"response: the first file states {SPACES[space].title}: colors are converted to sRGB",
+    )
 
 
 def _notes(left: MeasuredResponse, right: MeasuredResponse) -> tuple[str, ...]:

@@ -84,7 +84,7 @@ def compression(images: DiveImages) -> DiveVerdict:
 
 
 def cut_out(images: DiveImages) -> DiveVerdict:
-    """Metadata of the first or the middle pair that say that pictures were cut out or zoomed."""
+    """Metadata of the first or the middle pair that say that pictures were cut out or reshaped."""
     pairs = images.pairs
     for pair in dict.fromkeys((*pairs[:1], *pairs[len(pairs) // 2 :][:1])):
         for path in (pair.left, pair.right):
@@ -93,7 +93,7 @@ def cut_out(images: DiveImages) -> DiveVerdict:
                 if how := framing(content, image_size(content)):
                     note = (
                         f"input: {path.name} {how}: ranges are correct only with a calibration "
-                        "from images with the same crop and zoom"
+                        "from images that were treated in the same way"
                     )
                     return DiveVerdict((note,))
     return NOTHING_FOUND

@@ -5,7 +5,6 @@ around it, so that neither light nor haze matters: as given, turned back, shifte
 of the images before and after.
 """
 
-import warnings
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,9 +142,10 @@ def _map_edges(images: DiveImages, path: Path, cell_px: int) -> Array:
 
 def _cells(values: NDArray[np.float32], cell_px: int) -> Array:
     """Means of the known values of (H, W) in cells; NaN where none is."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(np.nanmean(in_blocks(values, cell_px), axis=(1, 3)), np.float64)
+    blocks = in_blocks(values, cell_px)
+    with np.errstate(invalid="ignore"):  # 0 / 0
+        mean = np.nansum(blocks, axis=(1, 3)) / np.isfinite(blocks).sum(axis=(1, 3))
+    return np.asarray(mean, np.float64)
 
 
 def _beyond_usual(values: Array) -> Array:

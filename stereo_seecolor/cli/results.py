@@ -34,16 +34,8 @@ def run_exit_code(summary: "RunSummary") -> int:
 
 
 def map_exit_code(made: "MapSummary") -> int:
-    """The exit code of a map. It is not that of success where frames are missing or lie in separate
-    pieces, where given poses contradict the images or could not be tested, or where given lengths
-    of markers cannot be right, or two markers have one number.
-    """
-    contradicted = made.navigation is not None and not (
-        made.navigation.fits and made.navigation.relative_poses
-    )
-    refused = made.markers is not None and (made.markers.refused or made.markers.doubled)
-    apart = len(made.components) > 1
-    return EXIT_SOME_FAILED if made.unplaced or apart or contradicted or refused else EXIT_DONE
+    """The exit code of a map."""
+    return EXIT_SOME_FAILED if made.problems else EXIT_DONE
 
 
 def calibration_content(result: "CalibrationResult") -> Content:

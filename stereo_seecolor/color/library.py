@@ -11,6 +11,7 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.response.response import Response, standard_config
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_bins import range_edges_m
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Correction, Water
@@ -35,7 +36,8 @@ def fit(
         start: A water to begin from.
 
     Raises:
-        ColorError: For other shapes or types, and where no pixel has a known range.
+        ColorError: For other shapes or types, ranges that cannot be meters, and where no pixel has
+            a known range.
         DeviceError: For CUDA where there is none.
     """
     corrector, images, ranges = _standard(image, range_m, config)
@@ -109,6 +111,13 @@ def _frames(image: Any, range_m: Any) -> tuple[NDArray[Any], NDArray[Any]]:
         raise ColorError(
             f"range of shape {ranges.shape} for an image of shape {images.shape}: needs "
             f"{images.shape[:-1]}"
+        )
+    known = ranges[np.isfinite(ranges) & (ranges > 0)]
+    middle_m = float(np.median(known)) if known.size else 0.0
+    if middle_m > range_edges_m()[-1]:
+        raise ColorError(
+            f"range of {middle_m:g} (median): needs meters; a range in millimeters is divided by "
+            "1000 first"
         )
     return (images, ranges) if images.ndim == 4 else (images[None], ranges[None])
 

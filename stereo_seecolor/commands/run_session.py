@@ -192,6 +192,7 @@ def _summary(
     return RunSummary(
         FinalRows(run.table, current.done, unpaired),
         notes,
+        of_dive=pairing.of_dive,
         missing_shards=pairing.missing_shards,
         ranges=pairing.ranges,
     )

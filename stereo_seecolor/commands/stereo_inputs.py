@@ -194,7 +194,8 @@ class Opened:
             "are done: stereo-seecolor merge"
         )
         unpaired = self.pairing.unpaired if shard.number == 1 else ()
-        own = replace(self.pairing, pairs=pairs, unpaired=unpaired)
+        of_dive = len(self.pairing.pairs)
+        own = replace(self.pairing, pairs=pairs, unpaired=unpaired, of_dive=of_dive)
         return replace(self, pairing=own.with_notes((note,)))
 
 

@@ -152,6 +152,18 @@ class ColorConfig(StageConfig):
             return "srgb"
         return self.input_encoding
 
+    input_space: Literal["auto", "srgb", "adobe-rgb", "display-p3", "prophoto"] = Field(
+        default="auto",
+        description="Color space of the images: their primaries, and the curve of encoded values. "
+        "auto: the one that the first file states (profile, EXIF); srgb if it states none. Colors "
+        "are converted to sRGB first, except with input_encoding=as-is.",
+    )
+
+    @property
+    def space(self) -> Literal["srgb", "adobe-rgb", "display-p3", "prophoto"]:
+        """``input_space``; sRGB if it is auto and no file states another."""
+        return "srgb" if self.input_space == "auto" else self.input_space
+
     pedestal: Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)] = Field(
         default=(0.0, 0.0, 0.0),
         description="Values of R, G, B without light, in linear light as a fraction of full scale. "

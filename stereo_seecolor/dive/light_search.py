@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_after_water import refit_color_after_water
 from stereo_seecolor.color.photometry.light_model import ByFrame
-from stereo_seecolor.color.photometry.light_of_frames import Differences, differences, solve_frames
+from stereo_seecolor.color.photometry.light_of_frames import (
+    Differences,
+    Parts,
+    differences,
+    solve_frames,
+)
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.photometry.observations import Observations
 from stereo_seecolor.color.photometry.recorded_exposure import (
     explain,
+    explain_better,
     is_informative,
     log_exposures,
     misread,
@@ -29,10 +35,13 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.dive.overlap import LOOK, FrameMatcher, ReadFrame, Segment, reduction
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
+OTHER_ENCODING = {"srgb": ("linear", encode_srgb), "linear": ("srgb", decode_srgb)}
+"""Of images decoded as sRGB or linear: the rival, and its light from theirs."""
 Differing = tuple[NDArray[np.int64], Differences]
 """A window's frame numbers, and the differences between these frames."""
 
@@ -87,9 +96,9 @@ class LightSearch:
     """The search for the light of one dive.
 
     frames: name of each frame, in order, and the key by which ``read`` finds its image and ranges.
-    captures: what the camera recorded of each. geometry: of the rectified images. compute: where
-    frames are examined. examined: called with the name of each frame, where all frames are
-    examined.
+    captures: what the camera recorded of each. geometry: of the rectified images. encoding: of the
+    images that ``read`` gives. compute: where frames are examined. examined: called with the name
+    of each frame, where all frames are examined. files: the encoding as which files were read.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -99,6 +108,7 @@ class LightSearch:
     encoding: InputEncoding
     compute: Compute
     examined: Callable[[str], None] = lambda _: None
+    files: InputEncoding = "srgb"
 
     @property
     def _frame_matcher(self) -> FrameMatcher:
@@ -151,17 +161,39 @@ class LightSearch:
         light = solve_light(windows, names, self._size, allowed, is_sampled=is_sampled)
         used, offsets = nothing, None
         if light and allowed.gains and is_informative(recorded):
-            few = (differences(window, light, self._size) for window in windows)
-            parts = Differences.joined(few).parts
+            parts = self._parts(windows, light)
             offsets = offsets_about(parts, recorded) if len(parts) else None
-            if offsets and explain(offsets):
+            encoding = self._other_encoding(windows, light, recorded, offsets) if offsets else ""
+            if offsets and explain(offsets) and not encoding:
                 used = recorded
                 light = solve_light(windows, names, self._size, allowed, used, is_sampled)
                 light = light and replace(light, offsets=offsets)
             else:
-                reading = misread(parts, recorded) if offsets else ""
+                reading = encoding or (misread(parts, recorded) if offsets else "")
                 light = replace(light, refused=offsets, reading=reading)
         return light and refit_color_after_water(light, windows, names, self._size), used
+
+    def _parts(self, windows: Iterable[Observations], light: SurveyLight) -> Parts:
+        return Differences.joined(differences(seen, light, self._size) for seen in windows).parts
+
+    def _other_encoding(
+        self,
+        windows: Sequence[Observations],
+        light: SurveyLight,
+        recorded: Array,
+        offsets: tuple[float, float],
+    ) -> str:
+        """The encoding of the images with which the records would explain what they do not as the
+        images were decoded; "" for none. Only known exposures tell a response from its powers
+        (Grossberg and Nayar, PAMI 2003).
+        """
+        if self.files not in OTHER_ENCODING:
+            return ""
+        name, convert = OTHER_ENCODING[self.files]
+        others = (replace(seen, light=convert(seen.light)) for seen in windows)
+        if not explain_better(offsets_about(self._parts(others, light), recorded), offsets):
+            return ""
+        return f"with color.input_encoding={name} they would explain the differences"
 
     def _of_frames(
         self,

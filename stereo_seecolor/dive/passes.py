@@ -176,6 +176,7 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
         encoding=run.frames.source.corrector.config.encoding,
         compute=run.options.compute,
         examined=lambda name: run.advance(FrameRow(name)),
+        files=run.frames.config.color.encoding,
     )
     found = search.solve(allowed)
     content = found.light.content() if found.light and found.light.light else None

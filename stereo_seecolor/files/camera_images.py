@@ -2,7 +2,6 @@
 
 import io
 import sys
-import warnings
 import zlib
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from PIL.TiffImagePlugin import (
     TiffImageFile,
 )
 
+from calibration.quiet import ignored_warnings
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.image_headers import (
     PNG_SIGNATURE,
@@ -77,10 +77,9 @@ def _refuse_broken_stream(content: bytes, path: Path) -> None:
     try:
         if tiff_numbers(content).get(TIFF_COMPRESSION, TIFF_UNCOMPRESSED) == TIFF_UNCOMPRESSED:
             return
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+        with ignored_warnings():  # of damaged tags
             image = TiffImageFile(io.BytesIO(content))
-            _unpack(image, content)
+        _unpack(image, content)
     except _BrokenStreamError as error:
         raise InputError(
             f"{path}: is damaged: its compressed pixels cannot be unpacked ({error})"

@@ -5,12 +5,12 @@ files, and the network.
 """
 
 import importlib.util
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from calibration.quiet import ignored_warnings
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.whole_files import damaged_map, special_kind
 
@@ -32,8 +32,7 @@ def open_raster(path: Path, bands: int = 1) -> Iterator[Any]:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a file")
         with rasterio.Env(**_ALONE), ExitStack() as stack:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with ignored_warnings(NotGeoreferencedWarning):
                 file = stack.enter_context(rasterio.open(path.absolute(), driver="GTiff"))
             if file.transform.is_identity:
                 raise damaged_map(path, "it has lost its position")

@@ -1,7 +1,6 @@
 """What the camera recorded in EXIF: exposure, time, position; and the block to keep."""
 
 import re
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -10,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from PIL import ExifTags, Image
 
+from calibration.quiet import ignored_warnings
 from stereo_seecolor.files.image_headers import EXIF_PREFIX, exif_block
 from stereo_seecolor.records import Capture
 
@@ -49,8 +49,7 @@ def _from_exif(content: bytes, read: Callable[[Image.Exif], _Found], otherwise: 
     """
     if not (block := exif_block(content)):
         return otherwise
-    with suppress(Exception), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+    with suppress(Exception), ignored_warnings():  # of damaged tags
         exif = Image.Exif()
         exif.load(EXIF_PREFIX + block)
         return read(exif)
@@ -67,25 +66,33 @@ def orientation(content: bytes) -> int:
 
 MOST_ZOOM = 100.0
 """Digital zooms beyond this are damage."""
-_CROPPED = re.compile(rb"crs:hascrop\s*(=\s*[\"']|>)\s*true")
-"""What Adobe's converters write into XMP of a picture that was cut out, in small letters: a search
-for both kinds takes ten times as long.
+_EDITED = re.compile(
+    rb"crs:(?:(hascrop)\s*(?:=\s*[\"']|>)\s*true|(lensprofileenable)\s*(?:=\s*[\"']|>)\s*1"
+    rb"|(perspectiveupright)\s*(?:=\s*[\"']|>)\s*[1-9])"
+)
+"""What Adobe's converters write into XMP of a picture whose shape they changed, in small letters: a
+search for both kinds takes ten times as long.
 """
+_EDITS = (
+    "was cut out by a converter (XMP: HasCrop)",
+    "had its lens distortion removed by a converter (XMP: LensProfileEnable)",
+    "was turned or stretched by a converter (XMP: PerspectiveUpright)",
+)
 ASPECT = 0.02
 """Least change of the ratio of width to height that is not rounding."""
 
 
 def framing(content: bytes, size: tuple[int, int]) -> str:
-    """How a picture of ``size``, pixels, was cut out of the sensor's, as far as its
-    metadata say, such as "has a digital zoom of 1.5"; "" where nothing is said.
+    """How a picture of ``size`` was made from the sensor's, as far as the file's metadata say, such
+    as "has a digital zoom of 1.5"; "" if they say nothing.
     """
     nothing: _Tags = {}
     tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)
     zoom = _positive_capture(tags.get(ExifTags.Base.DigitalZoomRatio)) or 1.0
     if 1.0 < zoom < MOST_ZOOM:
         return f"has a digital zoom of {zoom:g}"
-    if _CROPPED.search(content.lower()):
-        return "was cut out by a converter (XMP: HasCrop)"
+    if edited := _EDITED.search(content.lower()):
+        return next(what for what, found in zip(_EDITS, edited.groups(), strict=True) if found)
     width, height = (
         _positive_capture(tags.get(key))
         for key in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)

@@ -52,7 +52,11 @@ def as_image(values: Any, what: str) -> Image:
     if array.dtype.kind not in "iuf":
         raise InputError(f"{what}: holds {array.dtype}: needs numbers, 8 or 16 bits or 0..1")
     most = 1.0 if array.dtype.kind == "f" else 65535
-    if not (array.min() >= 0 and array.max() <= most):  # NaN is neither
+    if array.dtype == np.float16:  # which holds no 65535
+        array = array.astype(np.float32)
+    if not np.isfinite(array).all():
+        raise InputError(f"{what}: contains NaN or infinity: needs numbers for all pixels")
+    if array.min() < 0 or array.max() > most:
         raise InputError(
             f"{what}: holds {array.dtype} from {array.min():g} to {array.max():g}: needs 0..1 for "
             "floating point, 0..255 or 0..65535 for integers"

@@ -102,6 +102,7 @@ class Pairing:
     every file without a partner.
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
+    of_dive: number of pairs of the whole dive where these are a shard of it, else 0.
     missing_shards: shards of the dive whose pairs are not among these.
     wrong: numbers of the dive as a whole that are wrong, as notes say. ranges: the error of ranges
     as the check of the dive measured it, None where it could not. left_out: name of a pair that is
@@ -111,6 +112,7 @@ class Pairing:
     pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
+    of_dive: int = 0
     missing_shards: tuple[str, ...] = ()
     wrong: frozenset[Numbers] = frozenset()
     ranges: RangeError | None = None
@@ -259,20 +261,30 @@ def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair]
 
 
 def pair_files(
-    lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str
+    lefts: Sequence[Path],
+    rights: Sequence[Path],
+    config: InputConfig,
+    where: str,
+    complete: bool = True,
 ) -> Pairing:
-    """Pair listed files as ``pair_folders`` does. where: for messages. Raises InputError."""
-    return _settled(_Matching(list(lefts), list(rights), [], []), config, where)
+    """Pair files that are listed already, as ``pair_folders`` does. where: for messages. complete:
+    False while more files may come, so that a missing partner does not mean another clock or
+    counter. Raises InputError if no pair is found.
+    """
+    return _settled(_Matching(list(lefts), list(rights), [], []), config, where, complete)
 
 
-def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
+def _settled(
+    matching: _Matching, config: InputConfig, where: str, complete: bool = True
+) -> Pairing:
     if config.pairing != "timestamp":
         _settle_by_name(matching)
     notes: tuple[str, ...] = ()
     if config.pairing != "name":
         matching.settle_by_time(config.timestamp_tolerance_s)
-        notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
-    by_number = not matching.pairs and config.pairing != "timestamp"
+        if complete:
+            notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
+    by_number = complete and not matching.pairs and config.pairing != "timestamp"
     if by_number:
         notes = _settle_by_number(matching)
     if matching.ambiguous:
@@ -282,7 +294,7 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
         example = (
             f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
         )
-        if numbered_apart(matching.lefts, matching.rights):
+        if complete and numbered_apart(matching.lefts, matching.rights):
             raise InputError(
                 f"{where}: {len(matching.lefts)} left and {len(matching.rights)} right images are "
                 "numbered by each camera on its own: such files are paired in their order only "

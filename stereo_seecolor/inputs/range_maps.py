@@ -3,7 +3,6 @@
 import io
 import re
 import struct
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.reading.binary import read_arrays
+from calibration.quiet import ignored_warnings
 from stereo_seecolor.errors import InputError, library_for
 from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.files.image_headers import (
@@ -194,11 +194,12 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
     """By GDAL; a value that the file declares as unknown becomes 0."""
     with library_for(f"{path}: a TIFF of this kind", "geo", InputError):
         import rasterio
-        from rasterio.errors import RasterioError
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
     try:
-        with warnings.catch_warnings(), rasterio.MemoryFile(content) as memory:
-            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with memory.open(driver="GTiff") as file:
+        with rasterio.MemoryFile(content) as memory:
+            with ignored_warnings(NotGeoreferencedWarning):
+                file = memory.open(driver="GTiff")
+            with file:
                 refuse_large(path, file.width, file.height, file.count)
                 values: NDArray[Any] = np.moveaxis(file.read(), 0, -1)
                 unknown = file.nodata

@@ -1,14 +1,17 @@
-"""What an image file states about its encoding: linear light, or encoded for a screen."""
+"""What an image file states about its values: linear light or encoded, and their color space."""
 
 import struct
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 from PIL import Image as Pillow
+from PIL.ImageCms import ImageCmsProfile, PyCMSError
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.color_spaces import SpaceName, space_of
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.video_frames import is_video
 
@@ -19,7 +22,9 @@ LINEAR_GAMMA = 1.0
 writes that of a screen into every file.
 """
 EXIF_IFD, COLOR_SPACE, SRGB = 0x8769, 0xA001, 1
-"""Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB."""
+"""Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB,"""
+INTEROPERABILITY_IFD, ADOBE_RGB = 0xA005, "R03"
+"""or by Adobe RGB (DCF 2.0)."""
 ICC_TAGS, ICC_CURVES = 128, (b"rTRC", b"kTRC")
 """Place of the table of tags of an ICC profile (ICC.1:2022, 7.3); curves of red and of gray."""
 
@@ -40,9 +45,42 @@ def stated_encoding(path: Path) -> Stated | None:
             return "linear"
         if profile := image.info.get("icc_profile"):
             return profile_encoding(profile)
-        if "srgb" in image.info or image.getexif().get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
+        exif = image.getexif()
+        if "srgb" in image.info or exif.get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
+            return "encoded"
+        if _is_adobe_rgb(exif):
             return "encoded"
     return None
+
+
+def _is_adobe_rgb(exif: Pillow.Exif) -> bool:
+    return exif.get_ifd(INTEROPERABILITY_IFD).get(1) == ADOBE_RGB
+
+
+def stated_space(path: Path) -> tuple[SpaceName, str]:
+    """Read the color space that a file states: a profile (ICC) or EXIF; srgb without a statement.
+
+    Returns the space, and the name of a profile whose space is unknown, else "".
+    """
+    # and the errors of Pillow for what it does not read
+    with (
+        suppress(InputError, OSError, ValueError, SyntaxError, PyCMSError),
+        Pillow.open(BytesIO(read_image_bytes(path))) as image,
+    ):
+        if content := image.info.get("icc_profile"):
+            profile = ImageCmsProfile(BytesIO(content)).profile
+            if profile.xcolor_space.strip() == "RGB" and len(image.getbands()) > 1:
+                return _space_of(profile)
+        elif _is_adobe_rgb(image.getexif()):
+            return "adobe-rgb", ""
+    return "srgb", ""
+
+
+def _space_of(profile: Any) -> tuple[SpaceName, str]:
+    colorants = (profile.red_colorant, profile.green_colorant, profile.blue_colorant)
+    known = [colorant[0] for colorant in colorants if colorant]
+    space = space_of(np.array(known).T) if len(known) == 3 else None
+    return (space, "") if space else ("srgb", str(profile.profile_description).strip())
 
 
 def profile_encoding(profile: bytes) -> Stated | None:

@@ -33,6 +33,10 @@ LOST_S = 1.0
 
 OPEN_VIDEOS = 4
 
+CURVES = {8: "linear light", 16: "high dynamic range (PQ)", 18: "high dynamic range (HLG)"}
+PRIMARIES = {9: "primaries of BT.2020", 11: "primaries of P3", 12: "primaries of P3"}
+"""Numbers of ITU-T H.273 that are not near sRGB: transfer characteristics, color primaries."""
+
 ORDER_FRAMES = 12
 """So many frames tell whether a video's times rise; codecs reorder at most some."""
 
@@ -118,7 +122,21 @@ class VideoFile:
                     f"{self.path}: is interlaced: its rows were exposed at two moments; "
                     "deinterlace it first"
                 )
+        if other := self.other_colors:
+            notes.append(
+                f"{self.path}: states {other}, but is read as sRGB: colors will be wrong; record "
+                "or export it in BT.709 (standard dynamic range)"
+            )
         return tuple(notes)
+
+    @property
+    def other_colors(self) -> str:
+        """What a file states that its values are, where that is not near sRGB; else ""."""
+        with suppress(InputError):  # its pair says so
+            frame = self.frame(0)
+            stated = CURVES.get(frame.color_trc, ""), PRIMARIES.get(frame.color_primaries, "")
+            return " and ".join(part for part in stated if part)
+        return ""
 
     def _found(self, pts: int, back_s: float) -> bool:
         """Decode on, or from ``back_s`` before the frame, until it is kept; False where the video

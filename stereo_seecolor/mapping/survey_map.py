@@ -73,6 +73,24 @@ class MapSummary:
     navigation: Navigation | None = None
     markers: MarkersFit | None = None
 
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What makes a map less than a success: frames that are missing or lie in separate parts,
+        given poses that contradict the images or could not be tested, given lengths of markers that
+        cannot be right, two markers with one number.
+        """
+        poses, markers = self.navigation, self.markers
+        found = {
+            f"{len(self.unplaced)} of {self.frames} frames are not in the map": self.unplaced,
+            f"the map is in {len(self.components)} parts": len(self.components) > 1,
+            "the given poses could not be tested": poses and not poses.relative_poses,
+            "the given poses contradict the images": poses
+            and poses.relative_poses
+            and not poses.fits,
+            "given markers cannot be right": markers and (markers.refused or markers.doubled),
+        }
+        return tuple(text for text, is_so in found.items() if is_so)
+
     def moved(self, old: Path, new: Path) -> "MapSummary":
         """The summary of the same map once it was moved from the folder ``old`` to ``new``."""
         return replace(self, files=tuple(new / path.relative_to(old) for path in self.files))

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from stereo_seecolor.files.color_spaces import SPACES
 from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.overview import CHANNELS, rugosity_texts
 from stereo_seecolor.report.texts import digits, phrase
@@ -66,7 +67,11 @@ def _methods_of_response(facts: DiveFacts) -> list[str]:
     color = facts.run.config.color
     if color.encoding == "as-is":
         return []
-    sentences = [phrase(f"methods.response.{color.encoding}")]
+    other = color.space != "srgb"
+    own_curve = other and color.encoding == "srgb"
+    sentences = [] if own_curve else [phrase(f"methods.response.{color.encoding}")]
+    if other:
+        sentences.append(phrase("methods.space", space=SPACES[color.space].title))
     if any(color.pedestal):
         parts = zip(CHANNELS, color.pedestal, strict=True)
         percent = {channel: f"{100 * value:.1f}" for channel, value in parts}

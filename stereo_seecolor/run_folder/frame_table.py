@@ -63,7 +63,8 @@ class RunSummary:
     notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was
     interrupted. products: what is current.
     plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
-    missing_shards: of the dive, which were not merged. wrong: numbers of the dive as a whole that
+    of_dive: pairs of the whole dive, for a shard of it. missing_shards: of the dive, which were not
+    merged. wrong: numbers of the dive as a whole that
     are wrong, as notes say. ranges: the error of ranges, where the check of the dive measured it.
     """
 
@@ -73,6 +74,7 @@ class RunSummary:
     stopped: bool = False
     products: tuple[ProductSummary, ...] = ()
     plan: Compared | None = None
+    of_dive: int = 0
     missing_shards: tuple[str, ...] = ()
     wrong: frozenset[Numbers] = frozenset()
     ranges: RangeError | None = None
@@ -121,6 +123,7 @@ class RunSummary:
             "notes": list(self.notes),
             **{f"{numbers}_are_wrong": True for numbers in sorted(self.wrong)},
             **({"range_error": asdict(self.ranges)} if self.ranges else {}),
+            **({"pairs_of_dive": self.of_dive} if self.of_dive else {}),
             **({"missing_shards": list(self.missing_shards)} if self.missing_shards else {}),
             **({"plan": asdict(self.plan)} if self.plan else {}),
         }
@@ -158,13 +161,18 @@ class Problem:
     names: tuple[str, ...]
 
 
+def kind_of(text: str) -> str:
+    """The same for texts that differ in numbers alone."""
+    return _NUMBER.sub("", text)
+
+
 def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
     """Group errors and warnings by text without numbers, the most frequent first."""
     seen: dict[str, tuple[str, list[str]]] = {}
     for row in rows:
         for text in (*((row.error,) if row.error else ()), *row.warnings):
             what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
-            seen.setdefault(_NUMBER.sub("", what), (what, []))[1].append(row.name)
+            seen.setdefault(kind_of(what), (what, []))[1].append(row.name)
     return sorted(
         (Problem(what, tuple(names)) for what, names in seen.values()),
         key=lambda problem: -len(problem.names),

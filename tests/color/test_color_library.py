@@ -88,6 +88,7 @@ def test_a_batch_shares_its_water_and_its_exposure() -> None:
         ),
         (np.zeros((0, 4, 5, 3), np.uint8), np.ones((0, 4, 5)), "no pixel with a known range"),
         (np.zeros((4, 5, 3), np.uint8), np.full((4, 5), np.nan), "no pixel with a known range"),
+        (np.ones((4, 5, 3), np.uint8), np.full((4, 5), 1850, np.uint16), "range of 1850 .*meters"),
     ],
 )
 def test_what_cannot_be_corrected_is_refused(image: Array, range_m: Array, message: str) -> None:

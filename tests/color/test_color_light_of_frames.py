@@ -32,6 +32,8 @@ from stereo_seecolor.color.photometry.recorded_exposure import (
     offsets_about,
 )
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
+from stereo_seecolor.color.response.response import Response
+from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config.file import load_config
@@ -166,9 +168,13 @@ def half_light(name: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DrawnDive:
-    """The sample dive at half its size, its frames darkened by (12,) log_gains."""
+    """The sample dive at half its size, its frames darkened by (12,) log_gains; its files in sRGB
+    or linear light, read as either.
+    """
 
     log_gains: NDArray[np.float64]
+    is_linear: bool = False
+    read_as: InputEncoding = "srgb"
 
     @property
     def names(self) -> list[str]:
@@ -177,10 +183,13 @@ class DrawnDive:
     def read(self, name: str) -> tuple[Image, Map]:
         light = half_light(name) * np.exp(self.log_gains[self.names.index(name)])
         range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")[::2, ::2]
-        return np.round(255 * encode_srgb(light)).astype(np.uint8), np.ascontiguousarray(range_m)
+        values = np.round(255 * (light if self.is_linear else encode_srgb(light))).astype(np.uint8)
+        return Response(self.read_as).standard(values), np.ascontiguousarray(range_m)
 
     def light(
-        self, recorded: NDArray[np.float64], blank: tuple[int, ...] = ()
+        self,
+        recorded: NDArray[np.float64],
+        blank: tuple[int, ...] = (),
     ) -> SurveyLight | None:
         """What is found where the camera recorded exposures of the logarithms ``recorded``;
         ``blank`` frames have no ranges.
@@ -190,7 +199,15 @@ class DrawnDive:
             (name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)
         ]
         return (
-            LightSearch(frames, lambda read: read(), captures, HALF, "srgb", Threads(2))
+            LightSearch(
+                frames,
+                lambda read: read(),
+                captures,
+                HALF,
+                "srgb",
+                Threads(2),
+                files=self.read_as,
+            )
             .solve(ALL)
             .light
         )
@@ -322,7 +339,22 @@ def test_records_that_are_read_wrongly_are_named(
 ) -> None:
     true = np.random.default_rng(7).normal(0, 0.4, FRAMES)
     reading = misread(chained(true, 0.02).parts, altered(true))
-    assert reading == (f"read {said} they would explain the differences" if said else "")
+    whole = f"read {said} they would explain the differences: correct the table"
+    assert reading == (whole if said else "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_linear", [True, False])
+@pytest.mark.parametrize("read_as", ["srgb", "linear"])
+def test_records_of_a_dive_in_the_other_encoding_are_not_used(
+    is_linear: bool, read_as: InputEncoding
+) -> None:
+    true, encoding = exposures(), "linear" if is_linear else "srgb"
+    found = DrawnDive(true, is_linear, read_as).light(true)
+    assert found is not None
+    assert found.recorded == (read_as == encoding)
+    said = f"with color.input_encoding={encoding} they would explain the differences"
+    assert found.note.endswith(said) == (read_as != encoding)
 
 
 def test_exposures_longer_than_the_time_between_frames_and_few_names_are_said() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import stereo_seecolor
-from stereo_seecolor import Water, load_config
-from stereo_seecolor.errors import InputError
+from stereo_seecolor import Pipeline, StereoFrame, Water, load_config
+from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.inputs.images import as_image, read_image
 
@@ -37,12 +37,18 @@ def test_arrays_of_many_kinds_are_images(given: Any, expected: np.ndarray) -> No
     assert np.array_equal(found, expected)
 
 
+def test_floating_point_of_16_bits_is_a_fraction_of_full_scale() -> None:
+    found = as_image((RGB / 255).astype(np.float16), "x")
+    assert np.abs(found.astype(int) - RGB.astype(np.uint16) * 257).max() < 65535 / 2048
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
         (RGB.astype(float), "holds float64 from"),
         (RGB.astype(int) - 300, "holds int64 from -"),
-        (np.full((4, 5, 3), np.nan), "needs 0..1"),
+        (np.full((4, 5, 3), np.nan), "NaN or infinity"),
+        (np.where(RGB.max() == RGB, np.inf, RGB / 255), "NaN or infinity"),
         (RGB > 9, "holds bool"),
         (np.zeros((4, 5, 2)), "shape"),
         (np.zeros((0, 5, 3)), "shape"),
@@ -53,6 +59,14 @@ def test_what_is_no_image_is_named_in_a_line(given: Any, said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
         as_image(given, "f1: the left image")
     assert str(caught.value).startswith("f1: the left image: ") and "\n" not in str(caught.value)
+
+
+def test_one_image_for_both_sides_is_refused(make_dive) -> None:
+    """Rectified, the two differ, and a tenth of the pixels would match, at wrong ranges."""
+    dive = make_dive(1)
+    image = read_image(dive.root / "L/0000.png")
+    with pytest.raises(MatchingError, match="a: left and right are the same image"):
+        Pipeline(dive.root / "cam.yaml").process(StereoFrame("a", image, image.copy()))
 
 
 @pytest.mark.slow

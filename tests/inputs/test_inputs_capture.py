@@ -268,10 +268,19 @@ def test_a_zoom_or_cut_that_the_camera_wrote_is_known(
     assert framing(encoded(kind, details), (32, 24)) == words
 
 
-def test_a_cut_by_a_converter_is_known() -> None:
-    cut = encoded("JPEG", {}) + b'<rdf:Description crs:HasCrop="True"/>'
-    assert "HasCrop" in framing(cut, (32, 24))
-    assert not framing(cut.replace(b"True", b"False"), (32, 24))
+@pytest.mark.parametrize(
+    ("written", "not_done", "words"),
+    [
+        (b'crs:HasCrop="True"', b'crs:HasCrop="False"', "was cut out by a converter"),
+        (b"<crs:HasCrop>True<", b"<crs:HasCrop>False<", "was cut out by a converter"),
+        (b'crs:LensProfileEnable="1"', b'crs:LensProfileEnable="0"', "had its lens distortion"),
+        (b"crs:PerspectiveUpright='2'", b"crs:PerspectiveUpright='0'", "was turned or stretched"),
+    ],
+)
+def test_another_shape_by_a_converter_is_known(written: bytes, not_done: bytes, words: str) -> None:
+    edited = encoded("JPEG", {}) + b"<rdf:Description " + written + b"/>"
+    assert framing(edited, (32, 24)).startswith(words)
+    assert not framing(edited.replace(written, not_done), (32, 24))
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

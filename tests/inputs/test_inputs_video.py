@@ -221,6 +221,26 @@ def test_videos_that_are_interlaced_cut_or_of_other_rates_are_named(tmp_path: Pa
     )
 
 
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ("transfer=arib-std-b67:colorprim=bt2020", "high dynamic range (HLG) and primaries of BT."),
+        ("transfer=smpte2084", "high dynamic range (PQ), but"),
+        ("colorprim=smpte432", "primaries of P3"),
+        ("transfer=bt709:colorprim=bt709", ""),
+    ],
+)
+def test_videos_of_other_colors_than_srgb_are_named(tmp_path: Path, stated: str, said: str) -> None:
+    options = {"x265-params": f"log-level=none:{stated}"}
+    path = write_video(
+        tmp_path / "v.mkv", smooth_frames(3), "libx265", "yuv420p10le", options=options
+    )
+    found = paired(path, path)
+    assert len(found.notes) == bool(said)
+    assert all(f"{path}: states {said}" in note for note in found.notes)
+    assert found.wrong == (frozenset({"colors"}) if said else frozenset())
+
+
 def test_what_is_no_video(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"no video")
     assert is_video(tmp_path / "a.mp4")

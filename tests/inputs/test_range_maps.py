@@ -6,8 +6,10 @@ import io
 import re
 import tempfile
 import tracemalloc
+import warnings
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +20,7 @@ import OpenEXR
 import pytest
 import rasterio
 import scipy.io
+from PIL import Image
 
 from stereo_seecolor.checks.fitted_water import range_scale_notes
 from stereo_seecolor.color import Water, fit
@@ -173,6 +176,23 @@ REFUSED = {
     "k.npy": (lambda: saved(np.save, -RANGE_M), "only negative values"),
     "l.npz": (lambda: saved(np.savez, K=np.eye(3)), "no map, but K"),
 }
+
+
+def test_many_threads_leave_the_filters_of_warnings(tmp_path: Path) -> None:
+    """GDAL warns of each map without a position; who restores filters of another thread shows or
+    hides warnings of the whole process.
+    """
+    path = tmp_path / "map.tiff"
+    Image.fromarray(RANGE_M).save(path, tiffinfo={42113: "-1"})  # only GDAL knows this tag
+    before = list(warnings.filters)
+    with warnings.catch_warnings(record=True) as shown, ThreadPoolExecutor(8) as threads:
+        warnings.simplefilter("always")
+        inside = list(warnings.filters)
+        list(threads.map(read_range_map, [path] * 400))
+        after = list(warnings.filters)
+    assert not shown
+    assert after == inside
+    assert list(warnings.filters) == before
 
 
 @pytest.mark.parametrize("name", REFUSED)

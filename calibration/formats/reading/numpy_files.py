@@ -3,7 +3,6 @@
 import io
 import math
 import tokenize
-import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.quiet import ignored_warnings
 
 MAX_ARRAYS = 100  # a rig is some ten arrays
 MAX_ARRAY_BYTES = 2**20  # corners of 300 views are 0.3 MB
@@ -90,9 +90,7 @@ def _parsed(name: str, content: bytes, most_bytes: int) -> Any:
         if version == (1, 0)
         else np.lib.format.read_array_header_2_0
     )
-    with warnings.catch_warnings():
-        # files written by Python 2, as VIAME's are, say "3L" for 3
-        warnings.simplefilter("ignore", UserWarning)
+    with ignored_warnings(UserWarning):  # files written by Python 2, as VIAME's are, say "3L" for 3
         shape, fortran, dtype = header(stream)
     if dtype.hasobject:
         raise CalibrationError(

@@ -26,7 +26,9 @@ class RecordSettings:
     left: float = 0.8
     """Largest remaining fraction of the offsets between frames, as for gains."""
     misread_left: float = 0.4
-    """The same of records in another reading: of several one explains half by chance."""
+    """The same of records in another reading, also of what they leave as read: of several one
+    explains half by chance.
+    """
     frames: int = 2
     """Frames by which a table may be shifted."""
     alike: float = 1.05
@@ -34,6 +36,8 @@ class RecordSettings:
 
 
 SETTINGS = RecordSettings()
+TINY = 1e-9
+"""Offsets that are none."""
 
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
@@ -64,6 +68,14 @@ def explain(offsets: tuple[float, float]) -> bool:
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
+def explain_better(other: tuple[float, float], offsets: tuple[float, float]) -> bool:
+    """Whether the records explain the ``offsets_about`` of images decoded in another way far better
+    than those of the images as they were decoded.
+    """
+    left, other_left = (about[1] / max(about[0], TINY) for about in (offsets, other))
+    return other_left < SETTINGS.misread_left * min(left, 1.0)
+
+
 def misread(parts: Parts, recorded: Array) -> str:
     """How records that explain nothing as read would: as reciprocals, or as those of a frame
     before or after; "" where they would not, or do as read.
@@ -82,4 +94,5 @@ def misread(parts: Parts, recorded: Array) -> str:
     if offsets[best][1] > SETTINGS.misread_left * offsets[best][0]:
         return ""
     alike = [name for name in offsets if offsets[name][1] <= SETTINGS.alike * offsets[best][1]]
-    return f"read {', or '.join(alike)} they would explain the differences"
+    named = ", or ".join(alike)
+    return f"read {named} they would explain the differences: correct the table"

@@ -79,7 +79,7 @@ class SurveyLight:
         as_taken, about = map(_percent, self.refused)
         numbers = f"frames of one spot differ by {about} with them, {as_taken} without"
         refused = f"the exposures that the camera recorded are not used: {numbers}"
-        refused += f"; {self.reading}: correct the table" if self.reading else ""
+        refused += f"; {self.reading}" if self.reading else ""
         return f"{used}; {refused}" if used else f"light: {refused}"
 
     def _why_not(self) -> str:

@@ -11,6 +11,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration import CalibrationError
+from calibration.errors import counted
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
@@ -25,13 +26,13 @@ from stereo_seecolor.extras.fleet.campaign_states import (
     STATES,
     TABLE,
     DiveState,
-    State,
     load_states,
     save_states,
 )
 from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
 from stereo_seecolor.files.text_documents import read_yaml
 from stereo_seecolor.run_folder.frame_table import RunSummary
+from stereo_seecolor.run_folder.layout import RUN
 
 WATERS = "waters"
 RESERVED = {WATERS, RECORDS, TABLE, STATES, Path(COLLECTION).stem}
@@ -198,12 +199,13 @@ def _states(
     plan: _Campaign, options: RunOptions, known: Mapping[str, DiveState]
 ) -> Iterator[DiveState]:
     """The outcome of each dive when it has ended, until one is stopped. known: earlier outcomes;
-    dives done then are skipped.
+    dives done then are skipped, unless their results are gone.
     """
     waters = _SiteWaters(plan, options, keep=bool(known))
     for dive in plan.dives:
-        if dive.name in known and known[dive.name].state == "done":
-            yield known[dive.name]
+        earlier, out = known.get(dive.name), plan.out(dive)
+        if earlier and earlier.state == "done" and (out / RUN).is_file():
+            yield replace(earlier, out=str(out))
             continue
         if waters.fit_for(dive):
             yield DiveState(
@@ -213,7 +215,11 @@ def _states(
                 error=f"while site {dive.site} was measured",
             )
             return
-        state = _process(plan, dive, waters.of(dive), options)
+        water = waters.of(dive)
+        state = _process(plan, dive, water, options)
+        if dive.site and water is None and state.ok:
+            problem = f"site {dive.site} has no water (see the log): the dive's own was used"
+            state = _with_problems(state, (problem,))
         yield state
         if state.state == "stopped":
             return
@@ -272,11 +278,10 @@ def _process(
             also_read=(*options.also_read, *([poses] if poses else [])),
         )
         summary = run(inputs.left, inputs.right, inputs.calib, out, config, chosen)
-        state = replace(
-            state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed")
-        )
+        state = _outcome(state, summary)
         if mapped and not summary.stopped:
-            fuse(out, poses, config, options.listener, options.cluster)
+            made = fuse(out, poses, config, options.listener, options.cluster)
+            state = _with_problems(state, made.problems)
             report(out, options.listener)
     except KeyboardInterrupt:  # between two passes, or in the map
         state = replace(state, state="stopped")
@@ -290,10 +295,23 @@ def _process(
     return replace(state, seconds=round(time.monotonic() - start_s, 3))
 
 
-def _outcome(summary: RunSummary) -> State:
-    if summary.stopped:
-        return "stopped"
-    return "done" if summary.all_done else "some pairs failed"
+def _outcome(state: DiveState, summary: RunSummary) -> DiveState:
+    ok, failed, unpaired = (summary.count(status) for status in ("ok", "failed", "unpaired"))
+    ended = replace(state, state="stopped" if summary.stopped else "done", ok=ok, failed=failed)
+    if failed or unpaired:
+        ended = replace(ended, state=ended.state if summary.stopped else "some pairs failed")
+    alone = (f"{counted(unpaired, 'file')} without a partner",) if unpaired else ()
+    wrong = (f"{numbers} are wrong, as its notes say" for numbers in sorted(summary.wrong))
+    return _with_problems(ended, (*alone, *wrong))
+
+
+def _with_problems(state: DiveState, problems: tuple[str, ...]) -> DiveState:
+    """The outcome of a dive with more problems: one that was done is not."""
+    return replace(
+        state,
+        state="problems" if problems and state.state == "done" else state.state,
+        error="; ".join([*filter(None, [state.error]), *problems]),
+    )
 
 
 def _text(value: Any) -> str:

@@ -15,12 +15,15 @@ from stereo_seecolor.files.json_records import as_record, load_object
 from stereo_seecolor.run_folder.own_paths import is_plain_name
 
 TABLE, STATES = "campaign.csv", "campaign.json"
-State = Literal["not begun", "done", "some pairs failed", "failed", "stopped"]
+State = Literal["not begun", "done", "some pairs failed", "problems", "failed", "stopped"]
+"""problems: all pairs went through, but numbers or the map are not right."""
 
 
 @dataclass(frozen=True)
 class DiveState:
-    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive or map failed."""
+    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive as a whole, or its
+    map, failed, or what its problems are.
+    """
 
     name: str
     state: State

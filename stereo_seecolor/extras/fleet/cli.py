@@ -93,7 +93,10 @@ def campaign(
     ],
     only_failed: Annotated[
         bool,
-        opt.flag("--only-failed", "Run only dives that are not finished or have failed pairs."),
+        opt.flag(
+            "--only-failed",
+            "Run only dives that are not finished, or have failed pairs or problems.",
+        ),
     ] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     cluster: opt.ClusterName = "",

@@ -151,6 +151,12 @@ def _missing_shards(parts: Sequence[Part], partial: bool) -> tuple[str, ...]:
                 "merge only shards of one division: shards of two divisions contain pairs "
                 "twice or miss pairs"
             )
+        if part.of_dive != given[first].of_dive:
+            raise InputError(
+                f"{given[first].root} is a shard of {given[first].of_dive} pairs, and {part.root} "
+                f"of {part.of_dive}: images were added or removed in between: run all shards again "
+                "over the same images"
+            )
     of = max((shard.of for shard in given), default=0)
     missing = tuple(
         str(shard)
@@ -191,7 +197,7 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         tuple(in_dive_order(_pairs(parts))),
         tuple(unpaired.values()),
         (*notes, *rig_notes),
-        missing,
+        missing_shards=missing,
         wrong=frozenset[Numbers]().union(*(part.wrong for part in parts)),
         ranges=next((part.run.range_error for part in parts if part.run.range_error), None),
         left_out={

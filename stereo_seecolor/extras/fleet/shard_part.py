@@ -49,6 +49,12 @@ class Part:
         kind = Manifest(self.root).dive().identity.get("kind", "")
         return Shard.parse(kind.partition(" shard ")[2]) if " shard " in kind else None
 
+    @property
+    def of_dive(self) -> int:
+        """The number of pairs of the whole dive that it is a shard of."""
+        number: int = self.run.totals.get("pairs_of_dive", 0)
+        return number
+
     @cached_property
     def settings(self) -> str:
         """The hash of the rig and the settings that its range maps were made with."""

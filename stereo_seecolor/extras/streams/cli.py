@@ -1,5 +1,6 @@
 """Commands over bags, videos and live cameras: live, bag-info, sync."""
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,8 @@ from stereo_seecolor.cli.text import lines
 
 if TYPE_CHECKING:
     from stereo_seecolor.extras.streams.bag_info import BagFacts
+
+log = logging.getLogger(__name__)
 
 OneSource = Annotated[
     str | None,
@@ -134,7 +137,7 @@ def live(
     report: LoggedReport,
 ) -> None:
     """Correct pairs as they arrive from folders, cameras, ROS 2 topics or a bag; the newest pair
-    comes first.
+    comes first. Exit code 3 if pairs failed, or none came.
     """
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions
@@ -148,6 +151,11 @@ def live(
     check_sources(left, right, calib, bag, topics)
     if host != "127.0.0.1" and port is None:
         raise typer.BadParameter("--host is the address of the page: give --port, too")
+
+    def announce(line: str) -> None:
+        log.info(line)
+        write_error(f"{line}\n")
+
     with report.working():
         budget_s = None if budget_ms is None else budget_ms / 1000
         options = LiveOptions(
@@ -160,7 +168,7 @@ def live(
             budget_s,
             cpus,
             pairs,
-            announce=lambda address: write_error(f"{address}\n"),
+            announce=announce,
         )
         inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
         found = correct_live(inputs, settings.load(device=device), options)
@@ -179,7 +187,9 @@ def live(
         )
     output += [found.reduced] if found.reduced else []
     output += [f"last failure: {found.last_error}"] if found.last_error else []
-    report.end(vars(found), lines(*output))
+    output += [f"at the end it waited for {found.waiting}"] if found.waiting else []
+    is_good = not found.failed and (found.done or not found.waiting)
+    report.end(vars(found), lines(*output), EXIT_DONE if is_good else EXIT_SOME_FAILED)
 
 
 BagArgument = Annotated[

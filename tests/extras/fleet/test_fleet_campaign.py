@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,10 +12,13 @@ from stereo_seecolor.cli.result_texts import run_text
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.extras.fleet import campaign as module
 from stereo_seecolor.extras.fleet.campaign import CampaignFile, campaign
 from stereo_seecolor.extras.fleet.plan import plan
+from stereo_seecolor.mapping.survey_map import MapSummary
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.frame_table import RunSummary
 
 
 def write(file: Path, *dives: str, more: str = "") -> Path:
@@ -144,6 +149,72 @@ def test_a_dive_whose_map_fails_has_its_frames_and_the_reason(
     monkeypatch.setattr(module, "fuse", stopped)
     (found,) = campaign(file).dives
     assert (found.state, found.ok) == ("stopped", 1)
+
+
+def test_a_dive_whose_numbers_or_map_are_not_right_is_not_done(
+    make_dive, tmp_path, monkeypatch
+) -> None:
+    """As run and fuse alone end with exit code 3 then."""
+    make_dive(1)
+    made = {
+        "wrong": RunSummary((row("ok"),), wrong=frozenset({"ranges"})),
+        "alone": RunSummary((row("ok"), row("unpaired"))),
+        "map": RunSummary((row("ok"),)),
+        "good": RunSummary((row("ok"),)),
+    }
+    navigation = SimpleNamespace(relative_poses=3, fits=False)
+    mapped = MapSummary(5, 4, (2, 2), ("x",), (), 9, 1.0, (), navigation)
+    monkeypatch.setattr(module, "run", lambda *given: made[given[3].name])
+    monkeypatch.setattr(module, "fuse", lambda *_: mapped)
+    monkeypatch.setattr(module, "report", lambda *_: None)
+    monkeypatch.setattr(module, "write_records", lambda *_: None)
+    entries = [f"{{name: {name}, fuse: {str(name == 'map').lower()}, {SIDES}}}" for name in made]
+    result = campaign(write(tmp_path / "campaign.yaml", *entries))
+    assert [(found.state, found.error) for found in result.dives] == [
+        ("problems", "ranges are wrong, as its notes say"),
+        ("some pairs failed", "1 file without a partner"),
+        (
+            "problems",
+            "1 of 5 frames are not in the map; the map is in 2 parts; the given poses contradict "
+            "the images",
+        ),
+        ("done", ""),
+    ]
+    assert not result.all_done
+
+
+def row(status: str) -> FrameRow:
+    return FrameRow("a", status, "a.png", "b.png")
+
+
+@pytest.mark.slow
+def test_a_dive_that_was_done_is_run_again_where_its_results_are_gone(make_dive, tmp_path) -> None:
+    make_dive(1)
+    (tmp_path / "old").mkdir()
+    sides = SIDES.replace("dive/", "../dive/")
+    entries = [f"{{name: {name}, {sides}}}" for name in "ab"]
+    campaign(write(tmp_path / "old" / "campaign.yaml", *entries))
+    (tmp_path / "old").rename(tmp_path / "moved")
+    shutil.rmtree(tmp_path / "moved/results/a")
+    again = campaign(tmp_path / "moved/campaign.yaml", only_failed=True)
+    assert again.all_done
+    assert [found.out for found in again.dives] == [
+        str(tmp_path / "moved/results" / name) for name in "ab"
+    ]
+    assert (tmp_path / "moved/results/a/run.json").is_file()
+
+
+@pytest.mark.slow
+def test_a_site_without_water_is_named(make_dive, tmp_path, monkeypatch) -> None:
+    make_dive(1)
+
+    def unknown(*_: object) -> bool:
+        raise ColorError("no frame with a known range")
+
+    monkeypatch.setattr(module, "fit_site", unknown)
+    (found,) = campaign(write(tmp_path / "campaign.yaml", f"{{name: a, site: s, {SIDES}}}")).dives
+    assert found.state == "problems"
+    assert found.error.startswith("site s has no water")
 
 
 def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -> None:

@@ -74,6 +74,26 @@ def test_merged_shards_are_the_same_bytes_as_one_run_and_a_run_into_them_has_not
 
 
 @pytest.mark.slow
+def test_shards_of_a_folder_that_grew_in_between_are_not_merged(make_dive, tmp_path) -> None:
+    """Each is consistent in itself, and pairs between them would be missing without a word."""
+    dive = make_dive(5)
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    late = [dive.root / side / "0004.png" for side in "LR"]
+    for path in late:
+        path.rename(dive.root / f"{path.parent.name}.png")
+    run(*sides, tmp_path / "1", options=RunOptions(shard=Shard(1, 2)))
+    for path in late:
+        (dive.root / f"{path.parent.name}.png").rename(path)
+    run(*sides, tmp_path / "2", options=RunOptions(shard=Shard(2, 2)))
+    with pytest.raises(
+        InputError, match=r"1 is a shard of 4 pairs, and .*2 of 5: images were added"
+    ):
+        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    run(*sides, tmp_path / "1", options=RunOptions(shard=Shard(1, 2)))
+    assert merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged").count("ok") == 5
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("lock", ["auto", "frame"])
 def test_shards_corrected_apart_with_the_water_of_all(make_dive, tmp_path, lock: str) -> None:
     dive = make_dive(4)

@@ -12,15 +12,18 @@ import time
 import tracemalloc
 import urllib.error
 import urllib.request
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event, Timer
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, write_bag
 
+from calibration import CalibrationError
 from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
@@ -30,6 +33,7 @@ from stereo_seecolor.extras.streams.live import session as live_session
 from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 from stereo_seecolor.extras.streams.live.folder_watch import FolderWatch
+from stereo_seecolor.extras.streams.live.outputs import KeptFiles
 from stereo_seecolor.extras.streams.live.played_bag import PlayedBag
 from stereo_seecolor.extras.streams.live.preview import Preview, served
 from stereo_seecolor.extras.streams.live.processing import LiveProcessor
@@ -97,6 +101,130 @@ def test_a_folder_that_vanishes_is_waited_for(incoming) -> None:
     found = source.newest()
     assert found is not None
     assert (found.name, source.waiting) == ("0001", "")
+
+
+@pytest.mark.parametrize("name", ["{:04d}.png", "reef_17900000{:02d}000.png"])
+def test_files_of_other_moments_are_no_pair(tmp_path: Path, name: str) -> None:
+    """The left camera lost two images, and the right one is late: equal steps of numbers and of
+    time stamps do not make partners.
+    """
+    source = arriving(tmp_path, [("L", 7), ("L", 8), ("L", 9), ("R", 5), ("R", 6), ("R", 7)], name)
+    found = source.newest()
+    assert found is not None
+    assert found.left.name == found.right.name == name.format(7)
+    alone = arriving(tmp_path / "alone", [("L", 7), ("L", 8), ("L", 9), ("R", 4), ("R", 5)], name)
+    assert alone.newest() is None
+    assert "no left image matches a right one by name or time stamp" in alone.waiting
+    arrives(alone, "R", name.format(6))
+    assert alone.newest() is None
+
+
+def test_what_is_common_to_the_names_of_a_side_is_learned(tmp_path: Path) -> None:
+    """One new file of each side does not show it: then every second pair was skipped."""
+    source = arriving(
+        tmp_path, [("L", 98), ("R", 98), ("L", 99), ("R", 99)], "serial{1}_{0:04d}.png"
+    )
+    names = []
+    for number in (100, 101, 102):
+        pair = source.newest()
+        assert pair is not None
+        source.take(pair)
+        names.append(pair.name)
+        for side in "LR":
+            arrives(source, side, f"serial{1 + 'LR'.index(side)}_{number:04d}.png")
+    assert names == ["0099", "0100", "0101"]
+
+
+def arriving(folder: Path, files: list[tuple[str, int]], name: str) -> FolderWatch:
+    """A watch of two folders with these files. name: with {0}, the number, and {1}, of the side."""
+    for side in "LR":
+        (folder / side).mkdir(parents=True)
+    source = watch(folder)
+    for side, number in files:
+        arrives(source, side, name.format(number, 1 + "LR".index(side)))
+    return source
+
+
+def arrives(source: FolderWatch, side: str, name: str) -> None:
+    of_side = {"L": source._left, "R": source._right}[side]
+    (of_side.folder / name).write_bytes(b"")
+    of_side.modified_ns = -1  # as after some milliseconds
+
+
+def test_what_is_waited_for_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_session, "SILENT_S", 0.0)
+    for side in "LR":
+        (tmp_path / side).mkdir()
+    source, told = watch(tmp_path), []
+    session = LiveSession(source, lambda pair: Corrected(), lambda _: None, tell=told.append)
+    left, right = str(tmp_path / "L"), str(tmp_path / "R")
+
+    def waits() -> str:
+        time.sleep(0.001)
+        assert not session.step()
+        return session.counts.waiting
+
+    assert waits() == waits() == f"{left} and {right}"
+    arrives(source, "L", "a.png")
+    assert waits() == right
+    arrives(source, "R", "b.png")
+    assert waits().endswith(
+        "by name or time stamp, for example a.png and b.png: give both files the same name, or "
+        "set input.timestamp_tolerance_s"
+    )
+    arrives(source, "R", "a.png")
+    assert session.step()
+    assert session.counts.waiting == ""
+    assert [line.split()[0] for line in told] == ["waiting"] * 3
+    first = live_session.WaitNotice(told.append)
+    time.sleep(0.001)
+    source.waiting = ""
+    assert first.waiting(source, None).startswith("two images of one time")
+
+
+def test_the_first_of_each_kind_of_error_and_warning_is_told() -> None:
+    told: list[str] = []
+
+    def process(pair: Pair):
+        if pair.name in ("000001", "000004"):
+            raise CalibrationError("the left image is of another size")
+        warnings = (f"rows are off by {int(pair.name)}.5 px",) if pair.name > "000001" else ()
+        return Corrected(result=SimpleNamespace(warnings=warnings), pair=pair)
+
+    session = LiveSession(Endless(), process, lambda _: None, tell=told.append)
+    counts = session.run(lambda counts: counts.done + counts.failed >= 6)
+    assert (counts.done, counts.failed) == (4, 2)
+    assert counts.last_error == "000004: the left image is of another size"
+    assert told == [
+        "a pair failed: 000001: the left image is of another size",
+        "000002: rows are off by 2.5 px",
+    ]
+
+
+@pytest.mark.slow
+def test_failed_pairs_count_as_pairs_and_exit_with_3(incoming, cli) -> None:
+    dive, folder, _ = incoming
+    for side in "LR":
+        (folder / side / "0000.png").write_bytes(b"no image")
+    sides = ("--left", folder / "L", "--right", folder / "R", "--calib", dive.root / "cam.yaml")
+    code, printed, said = cli("live", *sides, "--pairs", 1)
+    assert (code, printed.startswith("0 pairs corrected, 1 failed")) == (3, True)
+    assert said.startswith("a pair failed: ")
+
+
+@pytest.mark.slow
+def test_a_camera_that_counts_from_zero_again_replaces_nothing(incoming, tmp_path) -> None:
+    dive, folder, arrive = incoming
+    arrive(0)
+    source, pipeline = watch(folder), Pipeline(_rig(dive.root), RunConfig())
+    pair = source.newest()
+    assert pair is not None
+    frame = LiveProcessor(pipeline, source.read).process(pair)
+    keep = KeptFiles(tmp_path / "kept", 1, pipeline)
+    for _ in range(3):
+        keep(frame)
+    names = {path.name for path in (tmp_path / "kept/corrected").iterdir()}
+    assert names == {"0000.png", "0000~2.png", "0000~3.png"}
 
 
 def test_files_do_not_arrive_before_the_program_looks_for_them(incoming) -> None:
@@ -180,6 +308,8 @@ class Corrected:
     """What a session needs of a corrected pair."""
 
     reduced: str = ""
+    result: Any = field(default_factory=lambda: SimpleNamespace(warnings=()))
+    pair: Pair | None = None
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ import pytest
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.streams.live import cameras as live_cameras
+from stereo_seecolor.extras.streams.live import streams as live_streams
 from stereo_seecolor.extras.streams.live.cameras import cameras
 from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.extras.streams.live.streams import Arrived, ImageStream, StreamPairs
@@ -247,6 +248,34 @@ def test_images_of_one_time_become_pairs_and_the_newest_wins() -> None:
     assert found.name == "1000000000-500000000"
     with pytest.raises(InputError, match="a newer pair has come"):
         source.read(first)
+
+
+def test_pairs_come_on_when_the_clock_is_set_back() -> None:
+    """By a GPS fix, or where a recording is played in a loop."""
+    left, right = ImageStream("left"), ImageStream("right")
+    source, names = StreamPairs(left, right, InputConfig()), []
+    for ms in (5000, 5100, 0, 100, 200):
+        send(left, ms)
+        send(right, ms + 3)
+        found = source.newest()
+        assert found is not None, ms
+        names.append(found.name[-9:])
+        source.take(found)
+    assert names == ["000000000", "100000000", "000000000", "100000000", "200000000"]
+    assert source.dropped == 0
+
+
+def test_a_stream_that_is_open_and_sends_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, right = ImageStream("left"), ImageStream("right")
+    source = StreamPairs(left, right, InputConfig())
+    assert source.waiting == "left and right"
+    send(left, 0)
+    right.waiting = ""  # as where a topic has a publisher
+    assert source.waiting == "right"
+    send(right, 0)
+    assert source.waiting == ""
+    monkeypatch.setattr(live_streams, "QUIET_S", -1.0)
+    assert source.waiting == "left and right"
 
 
 def test_two_free_running_cameras_half_an_image_apart_are_no_pair() -> None:

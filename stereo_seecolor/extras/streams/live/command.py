@@ -31,7 +31,8 @@ from stereo_seecolor.pipeline import Pipeline
 @dataclass(frozen=True)
 class LiveResult:
     """Numbers of a live session. done, failed: pairs. dropped: left images skipped for newer ones.
-    reduced: what was left out of the last pair to save time, "" for nothing.
+    reduced: what was left out of the last pair to save time, "" for nothing. waiting: what was
+    waited for at the end, "" for nothing.
 
     latency: seconds from arrival of a pair to its corrected image. products: until all its products
     are written. Both None before the first pair.
@@ -42,6 +43,7 @@ class LiveResult:
     dropped: int
     last_error: str
     reduced: str
+    waiting: str
     latency_median_s: float | None
     latency_p95_s: float | None
     products_median_s: float | None
@@ -57,7 +59,9 @@ class LiveOptions:
     publish: the namespace for ROS 2 topics of all pairs, "" for none. port, host: of the page; port
     None for no page, 0 for any free port. budget_s: seconds that a pair may take; slower pairs are
     matched at half the size. cpus: number of processors to use, None for all. pairs: end after this
-    number, None to go on until Ctrl-C. announce: called with the page's address.
+    number, corrected or failed, None to go on until Ctrl-C. announce: called with the page's
+    address, and with a line where no pair comes, and for the first pair with each kind of
+    error or warning.
     """
 
     out: Path | None = None
@@ -88,9 +92,12 @@ class LiveInputs:
     topics: str = ""
     calib: str | Path = ""
 
-    def open(self, config: RunConfig, stack: ExitStack) -> tuple[LiveSource, Pipeline]:
+    def open(
+        self, config: RunConfig, stack: ExitStack, tell: Callable[[str], None]
+    ) -> tuple[LiveSource, Pipeline]:
         """Open the source, until ``stack`` closes, and the pipeline; wait for the first pair where
-        the calibration states no image size. Raises CalibrationError, InputError, DeviceError.
+        the calibration states no image size, and tell so. Raises CalibrationError, InputError,
+        DeviceError.
         """
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
@@ -99,7 +106,7 @@ class LiveInputs:
         with suppress(SizeMissingError):  # a bad calibration is named before a camera is opened
             rig = load_rig(self.calib)
         source = live_source(str(self.left), str(self.right), config.input, stack)
-        rig = rig or load_rig_of_images(self.calib, first_size(source))
+        rig = rig or load_rig_of_images(self.calib, first_size(source, tell))
         return source, Pipeline(behind_port(rig, config.input), config)
 
 
@@ -118,7 +125,7 @@ def live(
         limit_cores(len(pin(options.cpus)) or options.cpus)
     counts = LiveCounts()
     with ExitStack() as stack:
-        source, pipeline = inputs.open(config, stack)
+        source, pipeline = inputs.open(config, stack, options.announce)
         made = _made(pipeline, options, counts, stack)
         warm_up(pipeline)
         processor = LiveProcessor(pipeline, source.read, Budget(options.budget_s))
@@ -127,8 +134,10 @@ def live(
             for make in made:
                 make(frame)
 
-        session = LiveSession(source, processor.process, finish, counts)
-        session.run(lambda counts: options.pairs is not None and counts.done >= options.pairs)
+        def is_enough(counts: LiveCounts) -> bool:
+            return options.pairs is not None and counts.done + counts.failed >= options.pairs
+
+        LiveSession(source, processor.process, finish, counts, options.announce).run(is_enough)
     facts = counts.facts()
     return LiveResult(**{name: facts[name] for name in LiveResult.__dataclass_fields__})
 

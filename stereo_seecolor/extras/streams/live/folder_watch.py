@@ -5,7 +5,9 @@ Folders are listed repeatedly, since network shares do not notify of changes.
 
 import os
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,7 +21,9 @@ from stereo_seecolor.inputs.pairing import Pair, pair_files
 from stereo_seecolor.records import StereoFrame
 
 TAIL = 64
-"""Newest files of each side that are paired: those of one side may arrive some pairs late."""
+"""Newest files of each side that are paired: those of one side may arrive some pairs late. As many
+that were taken show what is common to all names of a side.
+"""
 
 RELIST_S = 1.0
 """Most seconds between listings: a folder's modification time is too coarse for 4 ms."""
@@ -28,7 +32,8 @@ RELIST_S = 1.0
 @dataclass
 class _Side:
     """One folder. names: at the last listing. new: files that have arrived and were not taken.
-    absent_s: when each file was not there yet, or the program not: since 1970.
+    taken: the last others. absent_s: when each file was not there yet, or the program not: since
+    1970.
     """
 
     folder: Path
@@ -36,6 +41,7 @@ class _Side:
     absent_s: dict[str, float] = field(default_factory=dict)
     looked_s: float = 0.0
     new: list[Path] = field(default_factory=list)
+    taken: deque[Path] = field(default_factory=lambda: deque(maxlen=TAIL))
     modified_ns: int = -1
     listed_s: float = 0.0
 
@@ -60,6 +66,13 @@ class _Side:
             return False
         return True
 
+    def take(self, path: Path) -> int:
+        """Mark this file and all that arrived before it as done; returns how many came before."""
+        passed = self.new.index(path)
+        self.taken.extend(self.new[: passed + 1])
+        self.new = self.new[passed + 1 :]
+        return passed
+
     def arrived_s(self, path: Path) -> float:
         """When a file was written; not before the program looked for it, as what was copied with
         its old time, or was there before, did not arrive then. Raises OSError.
@@ -75,22 +88,49 @@ class FolderWatch:
         self.waiting = ""
         self._left, self._right = _Side(left), _Side(right)
         self._config = config
+        self._alone: tuple[list[Path], list[Path], str] = ([], [], "")
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None.
 
-        ``waiting`` names folders that are missing or cannot be read.
+        ``waiting`` names folders that are missing or cannot be read, else those without a new
+        image, else says why no new image has a partner.
         """
-        lost = [str(side.folder) for side in (self._left, self._right) if not side.look()]
-        self.waiting = " and ".join(lost)
-        if lost or not self._left.new or not self._right.new:
+        sides = self._left, self._right
+        lost = [str(side.folder) for side in sides if not side.look()]
+        self.waiting = " and ".join(lost or [str(side.folder) for side in sides if not side.new])
+        if self.waiting:
             return None
+        lefts, rights = (side.new[-TAIL:] for side in sides)
+        if self._alone[:2] != (lefts, rights):
+            try:
+                return self._newest_of(lefts, rights)
+            except InputError as error:
+                self._alone = lefts, rights, f"partners: {error}"
+        self.waiting = self._alone[2]
+        return None
+
+    def _newest_of(self, lefts: list[Path], rights: list[Path]) -> Pair:
+        """The newest pair of these files. Raises InputError where there is none."""
         try:
-            return pair_files(
-                self._left.new[-TAIL:], self._right.new[-TAIL:], self._config, "live"
-            ).pairs[-1]
+            return self._pairs(lefts, rights)[-1]
         except InputError:
-            return None  # partners have not come yet
+            # names may differ in more than a word for the side, which one new file does not show
+            with suppress(InputError):
+                for pair in reversed(
+                    self._pairs([*self._left.taken, *lefts], [*self._right.taken, *rights])
+                ):
+                    if pair.left in lefts and pair.right in rights:
+                        return pair
+            raise
+
+    def _pairs(self, lefts: list[Path], rights: list[Path]) -> Sequence[Pair]:
+        """Raises InputError where there are none: partners may not have come yet, so that neither
+        another clock nor another counter is concluded from it.
+        """
+        where = f"{self._left.folder} and {self._right.folder}"
+        lefts, rights = list(dict.fromkeys(lefts)), list(dict.fromkeys(rights))
+        return pair_files(lefts, rights, self._config, where, complete=False).pairs
 
     def read(self, pair: Pair) -> StereoFrame:
         """Both images. Raises InputError."""
@@ -98,10 +138,8 @@ class FolderWatch:
 
     def take(self, pair: Pair) -> None:
         """Mark this pair and all before it as done."""
-        passed = self._left.new.index(pair.left)
-        self.dropped += passed
-        self._left.new = self._left.new[passed + 1 :]
-        self._right.new = self._right.new[self._right.new.index(pair.right) + 1 :]
+        self.dropped += self._left.take(pair.left)
+        self._right.take(pair.right)
 
     @property
     def ended(self) -> bool:

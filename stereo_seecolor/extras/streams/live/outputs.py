@@ -20,7 +20,7 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.run_folder.pair_files import correction_files, range_files
+from stereo_seecolor.run_folder.pair_files import Files, correction_files, range_files
 
 FIRST = ("range", "clouds")
 """Products that are written before the others."""
@@ -43,14 +43,20 @@ class KeptFiles:
         self._seen += 1
         if (self._seen - 1) % self._every:
             return
-        output, result, name = self._pipeline.config.output, frame.result, frame.pair.name
-        files = range_files(name, result.range_map, output)
-        files |= correction_files(
-            name, result.correction, result.range_map, self._pipeline.geometry, output, b""
-        )
+        files, number = self._files(frame, frame.pair.name), 1
+        # a camera that was started again may count from one again
+        while any((self._folder / path).exists() for path, _ in files.values()):
+            number += 1
+            files = self._files(frame, f"{frame.pair.name}~{number}")
         for product in sorted(files, key=lambda product: product not in FIRST):
             path, content = files[product]
             write_atomic(self._folder / path, content)
+
+    def _files(self, frame: LiveFrame, name: str) -> Files:
+        output, result = self._pipeline.config.output, frame.result
+        return range_files(name, result.range_map, output) | correction_files(
+            name, result.correction, result.range_map, self._pipeline.geometry, output, b""
+        )
 
 
 def published(namespace: str, geometry: RectifiedPair) -> Callable[[LiveFrame], None]:

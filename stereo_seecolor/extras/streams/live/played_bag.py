@@ -19,7 +19,7 @@ class PlayedBag:
     InputError for pairs without times.
     """
 
-    waiting = ""
+    waiting = "the time of the next pair in the bag"
 
     def __init__(
         self,

@@ -75,7 +75,12 @@ class _Shown:
             "Backscatter over 1 m, R G B, of full scale": _percents(water.backscatter(near_m)),
             "White point, red and blue over green": f"{red:.2f}, {blue:.2f}",
         }
-        return {"name": self._frame.pair.name, "range_span": self.ranges[1], "pair": facts}
+        return {
+            "name": self._frame.pair.name,
+            "range_span": self.ranges[1],
+            "pair": facts,
+            "warnings": list(self._frame.result.warnings),
+        }
 
 
 class Preview:
@@ -91,7 +96,9 @@ class Preview:
 
     def status(self) -> dict[str, Any]:
         """The status that the page's script reads."""
-        shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "pair": {}}
+        shown: dict[str, Any] = (
+            self._shown.status if self._shown else {"name": "", "pair": {}, "warnings": []}
+        )
         counts = self._counts.facts()
         facts = {words: str(counts[name]) for name, words in COUNTS.items()}
         for name, words in DELAYS.items():

@@ -20,12 +20,19 @@ from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import StereoFrame
+from stereo_seecolor.run_folder.frame_table import kind_of
 
 POLL_S = 0.004
 """Seconds between polls of the source: they add 2 ms of latency, and take 1 % of a core."""
 
 SETTLE_S = 2.0
 """Seconds after which an unreadable file has failed: until then it may be being written."""
+
+SILENT_S = 5.0
+"""Seconds without a pair after which it is said what is waited for."""
+
+MOST_KINDS = 100
+"""Kinds of errors and warnings that are told: memory stays flat."""
 
 LATENCIES = 1000
 """Number of the last pairs whose latencies are kept."""
@@ -38,7 +45,9 @@ class LiveSource(Protocol):
 
     @property
     def waiting(self) -> str:
-        """Names of the sides from which nothing arrives now; "" for none."""
+        """What is missing for a pair: the sides from which nothing arrives now, or partners; "" if
+        nothing is known to be missing.
+        """
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken; None for none."""
@@ -57,13 +66,36 @@ class LiveSource(Protocol):
         """Seconds since the pair arrived."""
 
 
-def first_size(source: LiveSource) -> tuple[int, int]:
+class WaitNotice:
+    """Tells what is waited for, once where no pair has come for some time."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell, self._told, self._last_s = tell, "", time.monotonic()
+
+    def waiting(self, source: LiveSource, pair: Pair | None) -> str:
+        """What is waited for; "" while pairs come. pair: the newest one, None for none."""
+        now_s = time.monotonic()
+        if pair is not None:
+            self._last_s = now_s
+        if pair is not None or now_s - self._last_s < SILENT_S:
+            return ""
+        waiting = source.waiting or "two images of one time: both sides send images of other times"
+        if waiting != self._told:
+            self._told = waiting
+            self._tell(f"waiting for {waiting}")
+        return waiting
+
+
+def first_size(source: LiveSource, tell: Callable[[str], None] = lambda _: None) -> tuple[int, int]:
     """The (width, height) of the left image of the first pair that can be read; it stays.
 
-    Waits for it. Raises InputError where the source ends without one.
+    Waits for it, and tells so. Raises InputError where the source ends without one.
     """
+    notice = WaitNotice(tell)
     while not source.ended:
-        if pair := source.newest():
+        pair = source.newest()
+        notice.waiting(source, pair)
+        if pair:
             with suppress(InputError):  # it may still be being written
                 height, width = source.read(pair).left.shape[:2]
                 return width, height
@@ -75,7 +107,8 @@ def first_size(source: LiveSource) -> tuple[int, int]:
 class LiveCounts:
     """Counts and latencies of a live session.
 
-    done, failed: pairs. dropped: pairs skipped. waiting: as of the source. images_s: seconds from
+    done, failed: pairs. dropped: pairs skipped. waiting: what is waited for where no pair has come
+    for some time, else "". images_s: seconds from
     the arrival of each of the last pairs to its corrected image; products_s: until all its outputs
     are written. reduced: a note where pairs are matched at reduced size, else "".
     """
@@ -106,15 +139,22 @@ class LiveCounts:
 class LiveSession:
     """A live session. source: of pairs. process: corrects a pair.
 
-    finish: makes the outputs of a corrected pair, in a thread; its error ends the session.
+    finish: makes the outputs of a corrected pair, in a thread; its error ends the session. tell:
+    called with a line where no pair comes, and for the first pair with each kind of
+    error or warning.
     """
 
     source: LiveSource
     process: Callable[[Pair], LiveFrame]
     finish: Callable[[LiveFrame], None]
     counts: LiveCounts = field(default_factory=LiveCounts)
+    tell: Callable[[str], None] = lambda _: None
     _behind: WorkBehind = field(default_factory=WorkBehind)
     _tried: tuple[str, float] = ("", 0.0)
+    _kinds: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self._notice = WaitNotice(self.tell)
 
     def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
         """Process pairs until ``ended`` is true, the source ends, or Ctrl-C; returns counts."""
@@ -131,7 +171,7 @@ class LiveSession:
     def step(self) -> bool:
         """Process the newest pair; False if there is none, or its files are still being written."""
         pair = self.source.newest()
-        self.counts.waiting = self.source.waiting
+        self.counts.waiting = self._notice.waiting(self.source, pair)
         if pair is None:
             return False
         arrived_s = time.monotonic() - self.source.latency_s(pair)
@@ -140,9 +180,9 @@ class LiveSession:
         except InputError as error:
             if self._may_be_growing(pair):
                 return False
-            self._failed(error)
+            self._failed(pair, error)
         except (SeeColorError, CalibrationError) as error:
-            self._failed(error)
+            self._failed(pair, error)
         else:
             self._corrected(frame, arrived_s)
         self.source.take(pair)
@@ -152,6 +192,8 @@ class LiveSession:
     def _corrected(self, frame: LiveFrame, arrived_s: float) -> None:
         self.counts.images_s.append(time.monotonic() - arrived_s)
         self.counts.done += 1
+        for warning in frame.result.warnings:
+            self._tell_first(f"{frame.pair.name}: {warning}")
         self.counts.reduced = frame.reduced
 
         def finish() -> None:
@@ -160,9 +202,17 @@ class LiveSession:
 
         self._behind.put(finish)
 
-    def _failed(self, error: Exception) -> None:
+    def _failed(self, pair: Pair, error: Exception) -> None:
         self.counts.failed += 1
-        self.counts.last_error = str(error)
+        text = str(error)
+        self.counts.last_error = text if pair.name in text else f"{pair.name}: {text}"
+        self._tell_first(f"a pair failed: {self.counts.last_error}")
+
+    def _tell_first(self, line: str) -> None:
+        kind = kind_of(line)
+        if kind not in self._kinds and len(self._kinds) < MOST_KINDS:
+            self._kinds.add(kind)
+            self.tell(line)
 
     def _may_be_growing(self, pair: Pair) -> bool:
         now_s = time.monotonic()

@@ -1,10 +1,10 @@
 """Pairs from two streams of images with times, such as those of two cameras or two topics."""
 
 import time
-from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
+from math import inf
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -17,6 +17,9 @@ from stereo_seecolor.records import Image, StereoFrame
 
 KEPT = 4
 """Images of a stream that are kept for a partner: the other side may be late by so many."""
+
+QUIET_S = 5.0
+"""Seconds without an image after which a stream that is open counts as one that sends nothing."""
 
 NEAR = 0.45
 """Largest difference of the times of a pair, as a fraction of the time between images: beyond, it
@@ -50,6 +53,13 @@ class ImageStream:
         """The last images, oldest first."""
         return tuple(self._kept)
 
+    @property
+    def is_quiet(self) -> bool:
+        """True where no image has come for some time."""
+        if self.waiting or not self._kept:
+            return True
+        return time.monotonic() - self._kept[-1].arrived_s > QUIET_S
+
     def add(self, image: Arrived) -> None:
         """Add an image that has arrived."""
         self._kept.append(image)
@@ -71,22 +81,21 @@ class StreamPairs:
         self.dropped = 0
         self._left, self._right, self._tolerance_s = left, right, config.timestamp_tolerance_s
         self._offered: tuple[Arrived, Arrived] | None = None
-        self._taken_ns, self._counted = -1, 0
+        self._taken_s, self._counted = -inf, 0
 
     @property
     def waiting(self) -> str:
         """Names of the streams from which nothing arrives; "" for none."""
         self._receive()
-        return " and ".join(
-            dict.fromkeys(stream.waiting for stream in (self._left, self._right) if stream.waiting)
-        )
+        quiet = (stream.name for stream in (self._left, self._right) if stream.is_quiet)
+        return " and ".join(dict.fromkeys(quiet))
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None."""
         self._receive()
         lefts, rights = self._left.newest, self._right.newest
         for left in reversed(lefts):
-            if left.stamp_ns <= self._taken_ns:
+            if left.arrived_s <= self._taken_s:  # not by stamps: clocks are set back
                 return None
             right = _nearest(rights, left.stamp_ns)
             if right and abs(right.stamp_ns - left.stamp_ns) <= self._reach_ns(lefts):
@@ -111,10 +120,10 @@ class StreamPairs:
         """Mark this pair and all before it as done."""
         assert self._offered is not None
         received = self._left.received - sum(
-            image.stamp_ns > self._offered[0].stamp_ns for image in self._left.newest
+            image.arrived_s > self._offered[0].arrived_s for image in self._left.newest
         )
         self.dropped += max(0, received - self._counted - 1)
-        self._counted, self._taken_ns = received, self._offered[0].stamp_ns
+        self._counted, self._taken_s = received, self._offered[0].arrived_s
 
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the later image of the pair that was offered last arrived."""
@@ -134,9 +143,4 @@ class StreamPairs:
 
 
 def _nearest(images: tuple[Arrived, ...], stamp_ns: int) -> Arrived | None:
-    after = bisect_left(images, stamp_ns, key=lambda image: image.stamp_ns)
-    return min(
-        images[max(after - 1, 0) : after + 1],
-        key=lambda image: abs(image.stamp_ns - stamp_ns),
-        default=None,
-    )
+    return min(images, key=lambda image: abs(image.stamp_ns - stamp_ns), default=None)

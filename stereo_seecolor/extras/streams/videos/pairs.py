@@ -22,6 +22,7 @@ from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_frames import frame_path, size_of_side
 from stereo_seecolor.inputs.video_streams import recorded_at
+from stereo_seecolor.records import Numbers
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import video_pairs_file
 from stereo_seecolor.version import __version__
@@ -65,12 +66,10 @@ class Videos:
         ]
         if not pairs:
             raise InputError(f"{self.left} and {self.right}: their frames form no pairs")
-        notes = (
-            note
-            for path in dict.fromkeys((self.left, self.right))
-            for note in video_file(path).notes
-        )
-        return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes))
+        files = [video_file(path) for path in dict.fromkeys((self.left, self.right))]
+        notes = (note for file in files for note in file.notes)
+        wrong = frozenset[Numbers](["colors"] if files[0].other_colors else [])
+        return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes), wrong=wrong)
 
 
 def pair_again(left: Path, right: Path, images: InputConfig) -> Pairing:
