@@ -103,7 +103,9 @@ def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEP
 
 
 def load_xml(text: str) -> ElementTree.Element:
-    """The root of XML text. Raises ElementTree.ParseError; CalibrationError for entities."""
+    """The root of XML text. Raises ElementTree.ParseError; CalibrationError for entities, which
+    could grow without bound.
+    """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise CalibrationError(
             "its XML declares entities, which no calibration needs: remove the DOCTYPE"

@@ -203,7 +203,9 @@ def _solve(rig: StereoRig, pairs: list[Matches], start: Array | None = None) -> 
 
 
 def _disparity_of(rig: StereoRig, pairs: list[Matches]) -> Callable[[Array], Array]:
-    """The vertical disparities of all matches by the values, from rays computed once."""
+    """The vertical disparities of all matches as a function of the values, their rays computed
+    once; linear in the scale.
+    """
     left, right, T = cameras_in_water(rig)
     to_matching = plan_rectification(rig).R_right_matching
     rays_left = left.rays(np.concatenate([pair.left for pair in pairs]))

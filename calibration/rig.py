@@ -327,7 +327,9 @@ _COSINES = (1.0, 0.0, -1.0, 0.0)
 
 
 def quarter_turn(turns: int) -> Array:
-    """The exact rotation about the optical axis by ``turns`` quarters, x towards y: (3, 3)."""
+    """The exact rotation about the optical axis by ``turns`` times 90 degrees, x towards y
+    (clockwise in an image): (3, 3).
+    """
     cosine, sine = _COSINES[turns % 4], _COSINES[(turns - 1) % 4]
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 

@@ -31,7 +31,9 @@ class TargetView:
 def detect_view(
     name: str, left: NDArray[np.generic], right: NDArray[np.generic], target: Target
 ) -> TargetView:
-    """Find the target in a pair of images (H, W) or (H, W, 3). Raises CalibrationError."""
+    """Find the target in a pair of images, (H, W) or (H, W, 3), 8 or 16 bit. Raises
+    CalibrationError if they differ in size.
+    """
     if left.shape[:2] != right.shape[:2]:
         raise CalibrationError(
             f"{name}: left is {left.shape[1]}x{left.shape[0]} px and right is "

@@ -81,7 +81,9 @@ class Charuco:
         return board
 
     def detect(self, image: NDArray[np.uint8]) -> Corners | None:
-        """The corners in a gray image (H, W), of either layout; None if too few or in one line."""
+        """The corners seen in a gray image (H, W), of either layout, or None if they are fewer than
+        8 or all in one line.
+        """
         found = max(
             (self._detect(image, legacy) for legacy in (False, True)),
             key=lambda corners: corners.ids.size,
@@ -149,7 +151,9 @@ def parse_target(text: str) -> Target:
 
 
 def _of_kalibr(file: Section) -> Target:
-    """The target of a file as Kalibr takes; lengths in meters, the space as a fraction of a tag."""
+    """The target of a file that Kalibr takes with ``--target``; its lengths are in meters, the
+    space as a fraction of a tag.
+    """
     kind, text = file.text(file.first("target_type")), file.where
     if kind == "aprilgrid":
         counts = [

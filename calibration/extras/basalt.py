@@ -42,7 +42,9 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig. Raises CalibrationError for other than two cameras, or an unknown lens model."""
+    """The rig of the two cameras. Raises CalibrationError for another number of cameras, or a lens
+    model without an equal here.
+    """
     whole = document.section("value0")
     poses, lenses = (_two(whole, key) for key in ("T_imu_cam", "intrinsics"))
     sizes = whole.numbers("resolution", 4).reshape(2, 2).astype(int).tolist()

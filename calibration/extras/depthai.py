@@ -1,4 +1,6 @@
-"""Luxonis' JSON of an OAK camera's EEPROM (``eepromToJson``): extrinsics in centimeters."""
+"""Luxonis' JSON of an OAK camera's EEPROM (``eepromToJson``): a camera a socket, extrinsics to
+another socket, centimeters.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,6 @@
-"""EuRoC's and ASL's sensor.yaml: a file a camera, T_BS from camera to body (Burri et al. 2016)."""
+"""EuRoC's and ASL's sensor.yaml: a file a camera, T_BS from the camera to the vehicle's body (Burri
+et al., IJRR 2016).
+"""
 
 from calibration.formats.calibration_format import CameraFormat
 from calibration.formats.cameras import known_lens, make_camera

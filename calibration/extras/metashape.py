@@ -63,7 +63,9 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
-    """The rig, the master left. Raises CalibrationError without the second sensor's place."""
+    """The rig, the master left. image_size is not needed. Raises CalibrationError where there is no
+    place of the second sensor.
+    """
     sensors = [
         Section(f"{document.where}: sensor {sensor.get('id')}", sensor)
         for sensor in document.content[SENSORS]

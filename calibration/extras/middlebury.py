@@ -1,4 +1,6 @@
-"""Middlebury's calib.txt (2014 and later): a rectified pair, millimeters, doffs = cx1 - cx0."""
+"""Middlebury's calib.txt (2014 and later): a rectified pair, baseline in millimeters, doffs = cx of
+the right minus the left.
+"""
 
 import numpy as np
 

@@ -44,7 +44,9 @@ Y_DOWN = np.diag([1.0, -1.0, -1.0])  # photogrammetric axes look along -z with y
 
 
 def decode(raw: bytes) -> dict[str, Any] | None:
-    """The fields of one .cam file; None for other files. Raises CalibrationError if damaged."""
+    """The fields of one .cam file; None for other files. Raises CalibrationError if it is damaged,
+    or holds no exterior orientation.
+    """
     if not raw.startswith((b"CAM", b"CBL")) or len(raw) < 4 or raw[3] >= 32:
         return None
     if raw.startswith(b"CBL"):

@@ -1,4 +1,6 @@
-"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; other models become the nearest known."""
+"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; omni, ds, eucm and fov become the pinhole
+or fisheye that is nearest.
+"""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -202,7 +202,9 @@ def write(rig: StereoRig, path: Path) -> None:
 def size_of(
     document: Section, parts: Parts, side: Side, K: np.ndarray, image_size: Size | None
 ) -> Size:
-    """Of the camera, of both, or as given; exchanged where the principal point asks for it."""
+    """Of the camera, of both, or as given. Exchanged where it is (rows, columns), which the
+    principal point tells.
+    """
     for leaf in (parts.get("size", one) for one in (side, "", "left")):
         if leaf is None or leaf.numbers[:2].min() < LEAST_SIDE_PX:
             continue

@@ -1,4 +1,6 @@
-"""Files with one lens and a baseline of rectified images: ``fx``, ``cx``, ``cy``, ``baseline``."""
+"""Files with one lens and a baseline, of images that are rectified already: ``fx``, ``cx``, ``cy``,
+``baseline``, or a matrix.
+"""
 
 import numpy as np
 

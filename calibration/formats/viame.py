@@ -12,7 +12,9 @@ COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
 
 
 def write(rig: StereoRig, path: Path) -> None:
-    """Write the JSON, millimeters. Raises CalibrationError for a camera without a model in it."""
+    """Write the JSON, millimeters. Raises CalibrationError for a camera that it has no model for
+    (fisheye, 8 coefficients).
+    """
     width, height = rig.left.image_size
     content: dict[str, object] = {"image_width": width, "image_height": height}
     if rig.rms_px is not None:

@@ -166,7 +166,9 @@ def _match_near_rows(first: Described, second: Described, limits: MatchLimits) -
 
 
 def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int64]:
-    """(n,) index of the nearest ``among`` (m, 2) to ``points`` (n, 2); -1 beyond that distance."""
+    """(n,) index of the nearest point ``among`` (m, 2) to each of ``points`` (n, 2); -1 where none
+    lies within that distance.
+    """
     if not len(among):
         return np.full(len(points), -1)
     apart = np.hypot(points[:, None, 0] - among[None, :, 0], points[:, None, 1] - among[None, :, 1])

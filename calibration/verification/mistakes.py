@@ -206,7 +206,9 @@ def _off_their_lines(left: Array, right: Array, T: Array) -> Array:
 
 
 def _in_front(left: Array, right: Array, T: Array) -> NDArray[np.bool_]:
-    """(n,) whether the point nearest to both rays lies before both cameras, by least squares."""
+    """(n,) whether the point nearest to both rays lies before both cameras: least squares of z_left
+    R left + t = z_right right.
+    """
     a, b, t = left @ T[:3, :3].T, right, T[:3, 3]
     aa, bb, ab, at, bt = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1), a @ t, b @ t
     return np.asarray((ab * bt - bb * at > 0) & (aa * bt - ab * at > 0))

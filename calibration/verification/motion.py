@@ -279,7 +279,9 @@ def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float
 def _couple(
     rectification: Rectification, pairs: Iterable[Images], features: MatchLimits = FEATURES
 ) -> SeenTwice | None:
-    """The points that the first pair and the first one far enough from it show; else None."""
+    """The points that the first pair and the first one that has moved far enough show; None also
+    for images of another size.
+    """
     with suppress(CalibrationError):
         return _moved(rectification, iter(pairs), features)
     return None

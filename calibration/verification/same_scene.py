@@ -30,7 +30,9 @@ def agreeing_points(
     right: Described,
     limits: MatchLimits = MATCH_LIMITS,
 ) -> int:
-    """Count the features of the left image found in the right one on the same row, in front."""
+    """Count the features of the rectified left image that are found in the right one on the same
+    row, in front of the cameras.
+    """
     found = match_described(left, right, limits)
     disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
     infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px

@@ -11,7 +11,9 @@ CONTRASTS, BLURS_PX = (0.37, 0.53, 0.8, 1.0), (3.0, 2.0, 1.0, 0.0)
 
 
 def blurred_side_notes(facts: Sequence[Mapping[str, float]]) -> tuple[str, ...]:
-    """A note where one side is less sharp. facts: of each pair (``dive.frame_facts``)."""
+    """A note where one side of a dive is less sharp than the other. facts: of each pair
+    (``dive.frame_facts.range_facts``).
+    """
     found = LessSharpSide.of(one.get("right_sharpness", np.nan) for one in facts)
     if not found.is_blurred:
         return ()

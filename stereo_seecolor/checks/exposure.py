@@ -1,4 +1,6 @@
-"""Frames too dark or too clipped for their colors; and recorded exposures that cannot be."""
+"""Frames too badly exposed for their colors: almost black, or clipped by the camera; and recorded
+exposures that cannot be.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -134,7 +134,9 @@ def matching_threads(image_size: tuple[int, int]) -> Threads:
 def neighbors(
     pairs: Sequence[Pair], images: InputConfig
 ) -> Iterator[Iterator[tuple[Image, Image]]]:
-    """The images of COUPLES pairs, spread over the dive, and of their followers."""
+    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow
+    it, for ``find_motion``.
+    """
     for pair in evenly_spaced(pairs[:-1], COUPLES):
         place = pairs.index(pair)
         near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]

@@ -1,4 +1,6 @@
-"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command."""
+"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command that fits.
+Nothing is written.
+"""
 
 import shlex
 from collections.abc import Sequence

@@ -85,7 +85,9 @@ def tested_calibration(
     sample: Mapping[Pair, StereoFrame],
     config: RunConfig,
 ) -> Tested:
-    """Test a calibration on sample pairs, and measure pairs unless it is unusable."""
+    """Test a calibration on sample pairs: one scene, rows, mistakes, limits of range; and measure
+    pairs unless it is unusable.
+    """
     rig = _settled_rig(calibration.rig, list(sample.values())[:DECIDING_PAIRS])
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]

@@ -33,7 +33,9 @@ class FoundCalibration:
 
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
-    """All calibrations in the places, those for images of ``size`` (width, height) first."""
+    """All calibrations in the places. Those for images of ``size`` (width, height) come first, each
+    group in natural order.
+    """
     paths = _all_candidates(places)
     found = [one for path in paths if (one := _try_load(path, size))]
     folders = sorted(_folders(places, paths) - {one.path.parent for one in found})

@@ -29,9 +29,7 @@ def at_once(most: int, bytes_each: float) -> int:
 
 
 def free_bytes() -> int | None:
-    """Free memory without swapping, of the machine or of this container if that has less left; None
-    where it is not known.
-    """
+    """Free memory without swapping, of the machine or of this container; None where not known."""
     known = [_available(), *(_left_in_group(*names) for names in _GROUP_FILES)]
     return min((size for size in known if size is not None), default=None)
 

@@ -1,6 +1,4 @@
-"""Reads settings from a file and from ``--set``, merges them in that order, and checks them; with
-the origin of every value.
-"""
+"""Reads settings from a file and ``--set``, in that order; with the origin of every value."""
 
 import difflib
 import re

@@ -1,6 +1,4 @@
-"""Where a frame's stages run, and what lies there already: an array that a stage gave out is not
-uploaded again for the next.
-"""
+"""Where a frame's stages run, and what lies there: arrays are not uploaded again."""
 
 import weakref
 from typing import Any

@@ -39,9 +39,7 @@ def color_facts(correction: Correction) -> dict[str, float]:
 
 
 def capture_facts(capture: Capture) -> dict[str, float]:
-    """The exposure that the camera recorded: seconds, gain as a factor (1 = ISO 100), f-number;
-    what is unknown is left out.
-    """
+    """The exposure that the camera recorded: seconds, gain (1 = ISO 100), f-number, if known."""
     facts = {
         "camera_exposure_s": capture.exposure_s,
         "camera_gain": capture.gain,

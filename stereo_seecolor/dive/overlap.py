@@ -138,9 +138,7 @@ class FrameMatcher:
     def _chain(
         self, frames: Iterable[_Near], before: int, loops: int
     ) -> Iterator[tuple[_Placed, _Others]]:
-        """Each frame after the first ``before``, with frames that show the same spots: near ones
-        and at most ``loops`` loops.
-        """
+        """Each frame after the first ``before``, with near frames and at most ``loops`` loops."""
         past: dict[int, _Placed] = {}
         for place, (seen, view, poses) in enumerate(frames):
             near = [(past[number], pose) for number, pose in poses]

@@ -134,9 +134,7 @@ def _range_facts(run: DiveRun) -> list[Mapping[str, float]]:
 
 
 def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
-    """The light of the dive: an earlier run's if it was solved from the same inputs, else solved
-    now; none for a single frame.
-    """
+    """The light of the dive: an earlier run's of the same inputs, else solved now; or none."""
     color, source = run.frames.config.color, run.frames.source
     allowed = LightTerms(
         color.lights == "auto",

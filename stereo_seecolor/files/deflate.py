@@ -14,7 +14,9 @@ except ImportError:  # no wheel for this machine: the same content, in more time
     fast_inflater, fast_error = zlib.decompressobj, zlib.error  # type: ignore[assignment]
 
 FAST_LEVEL = 1
-"""Of ISA-L: 12 ms for 4 MB of a filtered picture. Level 0 gives 36 % more, 2 and 3 the same."""
+"""Of ISA-L: 12 ms for the 4 MB of a filtered picture of 1.3 megapixels. Level 0 gives 36 % more, 2
+and 3 the same.
+"""
 
 
 def deflated(content: bytes | memoryview, repeats: bool = False) -> bytes:

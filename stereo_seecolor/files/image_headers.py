@@ -232,9 +232,7 @@ def tiff_pages(content: bytes) -> int:
 
 
 def _tiff_directory(content: bytes, directory: int) -> tuple[dict[int, int], int]:
-    """The numbers of the directory that lies at ``directory``, and where the next one lies, 0 for
-    none. Raises struct.error.
-    """
+    """The numbers of the directory there, and the next one's place or 0. Raises struct.error."""
     order = "<" if content[:1] == b"I" else ">"
     (count,) = struct.unpack_from(order + "H", content, directory)
     numbers, end = {}, directory + 2 + 12 * count

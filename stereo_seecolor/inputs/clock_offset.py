@@ -28,9 +28,7 @@ class OffsetLimits:
 
 LIMITS = OffsetLimits()
 DRIFT_PAIRS = 4
-"""Pairs with two time stamps that are needed to speak of drift: the medians of the first and the
-last quarter are compared.
-"""
+"""Pairs needed to speak of drift between the medians of the first and last quarter."""
 
 DRIFT_S = 1e-3
 """Movement of one clock against the other worth a note, seconds; less is rounding of ms."""

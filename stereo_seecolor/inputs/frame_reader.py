@@ -55,9 +55,7 @@ class FrameReader:
 
 
 def _refuse_damage(images: dict[Path, Image], contents: dict[Path, bytes]) -> None:
-    """Raise InputError where one image of a pair begins anew at a row, and the other at none: a
-    line of text, say, is in both.
-    """
+    """Raise InputError where one image of a pair begins anew at a row, and the other does not."""
     rows = {path: seam_row(image, contents[path]) for path, image in images.items()}
     found = [path for path, row in rows.items() if row is not None]
     if len(found) == 1:

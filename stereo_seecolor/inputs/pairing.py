@@ -166,9 +166,7 @@ class _Matching:
         self.pairs.append(pair_of(name, left, right))
 
     def settle_by_time(self, tolerance_s: float, offset_s: float = 0.0) -> None:
-        """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock
-        is ahead by the offset.
-        """
+        """Pair nearest time stamps within the tolerance; the right clock is ahead by the offset."""
         lefts = timed(self.lefts)
         rights = [(time_s - offset_s, path) for time_s, path in timed(self.rights)]
         left_times, right_times = [t for t, _ in lefts], [t for t, _ in rights]

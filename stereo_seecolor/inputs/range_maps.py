@@ -181,9 +181,7 @@ def _exr_channels(content: bytes, path: Path) -> dict[str, Any]:
 
 
 def _needs_library(content: bytes) -> bool:
-    """True for what OpenCV does not read: half floats, other compressions, a value for what is
-    unknown. False if it is cut.
-    """
+    """True for what OpenCV does not read: half floats, compressions, no-data. False if cut."""
     try:
         tags = tiff_numbers(content)
     except struct.error:

@@ -126,9 +126,7 @@ class FrameIndex:
 
     @cached_property
     def rank(self) -> NDArray[np.int64]:
-        """The position of each frame in ``order``: (N,); neighbors on the track differ by one,
-        however the files are named.
-        """
+        """The position of each frame in ``order``: (N,); neighbors on the track differ by one."""
         rank = np.empty(len(self.names), np.int64)
         rank[self.order] = np.arange(len(self.names))
         return rank

@@ -1,6 +1,4 @@
-"""Frames that were decoded once, kept as raw arrays for the later passes of a map: reading those
-takes a sixth of the time.
-"""
+"""Decoded frames, kept as raw arrays for later passes: these are read in a sixth of the time."""
 
 import shutil
 from collections.abc import Sequence

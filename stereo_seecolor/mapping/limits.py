@@ -129,9 +129,7 @@ def _check_cells(tiling: Tiling, setting: str, cell_m: float) -> None:
 
 
 def _check_squares(square_m: float, cell_m: float, available: float) -> None:
-    """Raise MappingError where a square of the metrics holds too few cells, or does not fit into
-    ``available`` bytes of memory.
-    """
+    """Raise MappingError for squares of too few cells, or beyond ``available`` bytes."""
     if round(square_m / cell_m) < LIMITS.square_cells:
         raise MappingError(
             f"mapping.metrics_m={square_m:g}: a square holds {LIMITS.square_cells} terrain cells "

@@ -202,7 +202,9 @@ def _summary(
     built: Sequence[tuple[list[Path], int]],
     seconds: float,
 ) -> MapSummary:
-    """Summarize a map. lost: frames not read, by number. built: files and points by component."""
+    """Summarize a map. lost: frames that could not be read, by number. built: files and number of
+    points of each component.
+    """
     placement = placed.placement
     # after they were placed
     lost_later = [frame for i, frame in lost.items() if placement.components[i] >= 0]

@@ -12,8 +12,8 @@ PER_PX = 16
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Set patches of fewer than ``pixels`` of a disparity map (H, W) to NaN, in place; connected
-    neighbors within one pixel of disparity form a patch.
+    """Set patches of fewer than ``pixels`` of a disparity map (H, W) float32 to NaN, in
+    place; connected neighbors within one pixel of disparity form a patch.
     """
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
     thin = disparity[::every, ::every]

@@ -35,7 +35,9 @@ SWEEPS = 20
 ALONG = np.linspace(0, 1, 7)
 """Places on an edge where its color is taken."""
 LIGHT_STD = 20.0
-"""Of 255: larger differences between views come from different content, not from light."""
+"""Of 255: larger differences between views come from different content (edges of objects) rather
+than from light.
+"""
 
 
 def level(

@@ -30,7 +30,9 @@ class TextureLimits:
     corner_loss: float = 0.4
     """Of a view's value in the image's corners: lenses are less sharp and lamps weaker there."""
     color_std: float = 12.0
-    """Of 255: how far a view's color may be from the mean before it counts less (fish, shadows)."""
+    """Of 255: as far as a view may be from the color of all frames together before it counts less
+    (fish, particles, shadows).
+    """
 
 
 LIMITS = TextureLimits()

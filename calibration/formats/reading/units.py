@@ -1,4 +1,6 @@
-"""Units of translations: inferred from the baseline where not stated, with a warning."""
+"""Units of translations: meters are inferred from the baseline where the file does not say, and a
+doubt becomes a warning.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -59,8 +59,11 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night and day.
-    reference_m: the typical range of the images.
+    """Mean (TERMS + 1,) and covariance of pattern and trend for rigs with lamps, by night
+    and day.
+
+    Args:
+        reference_m: The typical range of the images, m.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5

@@ -244,7 +244,9 @@ def _by_frame(numbers: NDArray[np.float64], names: Names) -> ByFrame:
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
-    """The change of color with range; None where too few spots judge it."""
+    """The change of color with range; None where too few spots judge it, or gains without a pattern
+    would be taken for it.
+    """
     if not color.judged or (color.use.gains and not color.use.pattern):
         return None
     light = np.exp(np.concatenate([window.values for window in windows]).mean(axis=0))

@@ -59,9 +59,9 @@ class Bounds(NamedTuple):
 
 
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """Limit the colors of a corrected image (H, W, 3), encoded or float32 in linear light, to
-    measured ones, at pixels with an interpolated range. carried, measured: (H, W) where which is
-    true.
+    """Limit the colors of a corrected image (H, W, 3), encoded uint8 or uint16, or
+    float32 in linear light, to measured ones where the range is interpolated. carried, measured:
+    (H, W) bool, True where the range is interpolated, and measured.
     """
     every = slice(None, None, SETTINGS.every_px), slice(None, None, SETTINGS.every_px)
     bounds = bounds_of(image[every], measured[every]) if carried.any() else None

@@ -15,7 +15,9 @@ CLIPPED_FRACTION = 0.0005
 """Largest fraction of pixels that may clip: a distant white card can cover only 0.1 % of a frame.
 """
 BRIGHT_PART = 0.05
-"""Fraction of the pixels brighter than sand in shade: sand, which differs little by scene."""
+"""Fraction of the pixels brighter than sand in shade: sand and pale rock, which differ less between
+scenes than the median.
+"""
 BRIGHT_BY_MEDIAN = 2.5
 """Ratio of their light to that of the median, in a scene that is shown at
 ``config.median_luminance``. Halves of a real dive have 2.4 and 2.8.

@@ -62,8 +62,8 @@ class Response:
         return self.encoding != "linear" and not any(self.pedestal) and self.space == "srgb"
 
     def of_frame(self, image: Image) -> "Response":
-        """The response of one frame, whose pedestal is at most its darkest light. image: raw, since
-        rectification adds black borders.
+        """The response of one frame, whose pedestal is at most its darkest light. image: (H, W, 3)
+        RGB, uint8 or uint16, raw, since rectification adds black borders.
         """
         if not any(self.pedestal):
             return self
@@ -77,8 +77,8 @@ class Response:
         return SPACES[self.space].decode(values) if self.encoding == "srgb" else values
 
     def standard(self, image: Image) -> Image:
-        """An image encoded by sRGB at the same bit depth, without its pedestal. Values at full
-        scale stay there, so that clipped pixels are still recognized.
+        """An image (H, W, 3) RGB, uint8 or uint16, encoded by sRGB at the same bit depth, without
+        its pedestal. Values at full scale stay there: clipped pixels are still recognized.
         """
         if self.is_identity:
             return image

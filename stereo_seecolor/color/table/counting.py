@@ -20,8 +20,9 @@ LANES = 4
 
 
 def measure(image: Image, range_m: Map, every: int = 1) -> MomentTable:
-    """Count the pixels of an image (H, W, 3) with a range (finite, above 0), in the middle row of
-    each ``every`` rows; return the moment table. Raises ColorError for other shapes or types.
+    """Count the pixels of an image (H, W, 3), uint8 or uint16, with a range (H, W), float32 meters
+    (finite, above 0), in the middle row of each ``every`` rows; return the moment table. Raises
+    ColorError for other shapes or types.
     """
     check_pair(image, range_m)
     table, lanes = MomentTable.empty(8 * image.itemsize), np.zeros((RANGE_BINS, LANES), np.int64)

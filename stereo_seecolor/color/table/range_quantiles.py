@@ -20,7 +20,9 @@ BINS_PER_OCTAVE = RANGE_BINS // 8
 CLIPPED = 0.99
 """Fraction of full scale, encoded, from which on a value is a lower bound of the light."""
 NOISE = 0.004
-"""Deviation of an encoded value: 1 of 255, that of a camera with little noise."""
+"""Standard deviation of an encoded value, fraction of full scale: 1 of 255, that of a camera with
+little noise.
+"""
 MOST_NOISE = 0.95
 """Largest fraction of the slope of quantiles over those of a normal distribution that is noise."""
 _DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])

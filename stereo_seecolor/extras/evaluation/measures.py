@@ -124,7 +124,9 @@ def channel_gains(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
 
 
 def exposure_gain(pixels: Pixels, truth: Pixels) -> float:
-    """The gain, common to all channels, that gives an image the median brightness of its truth."""
+    """The gain, common to all channels, that gives an image (linear light) the median brightness of
+    its truth.
+    """
     brightness, true = pixels.sum(axis=-1), truth.sum(axis=-1)
     bright = brightness > 0
     return float(np.median(true[bright] / brightness[bright])) if bright.any() else 1.0

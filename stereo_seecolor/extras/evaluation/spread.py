@@ -48,7 +48,9 @@ class SpreadSettings:
     """and at the center farther from it than this."""
     nearest: float = 0.25
     farthest: float = 0.15
-    """Of the pixels by range: their red to blue is compared (Jamieson, How and Girdhar 2023)."""
+    """Of the pixels by range: their red to blue is compared (Jamieson, How and Girdhar 2023, of
+    ORCA's dives).
+    """
     ranged_points: int = 2000
     """Pixels of each frame for that."""
 
@@ -106,9 +108,7 @@ class ComparedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows: raw,
-    corrected, and of each other method.
-    """
+    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows, by method."""
 
     views: tuple[NDArray[np.float32], ...]
     range_m: Map

@@ -132,9 +132,7 @@ def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPai
 def _score_frame(
     result: ResultFiles, truth: Path, name: str, rectification: Rectification, linear: bool
 ) -> FrameScore:
-    """The scores of one frame. linear: the dive's images are linear light. Raises InputError for a
-    result of another size.
-    """
+    """The scores of one frame. linear: the dive's images are. Raises InputError for other sizes."""
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
     range_m = _of_size(read_range_map(result.range_m), result.range_m, true_m)
     measured = np.isfinite(range_m)

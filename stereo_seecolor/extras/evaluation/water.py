@@ -236,9 +236,7 @@ def _reading(
 
 @dataclass(frozen=True, eq=False)
 class _TargetSearch:
-    """Finds the charts and white cards of a frame. targets: given ones, by frame; None where frames
-    are searched for charts.
-    """
+    """Finds charts and white cards of a frame. targets: given, by frame; None: to be searched."""
 
     names: tuple[str, ...]
     frames: SurveyFrames

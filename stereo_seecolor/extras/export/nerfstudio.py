@@ -19,9 +19,11 @@ METERS_PER_UNIT = 0.001
 
 
 def write_nerfstudio(posed: PosedRun, folder: Path) -> None:
-    """Write transforms.json, ``images/``, ``depth/`` (along the axis; 0 unknown) and points.ply.
+    """Write transforms.json, ``images/``, ``depth/`` (along the optical axis; 0 unknown) and
+    points.ply.
 
-    Poses are camera to world in OpenGL's axes: x right, y up, z backward (Nerfstudio's docs).
+    Poses are camera to world in OpenGL's axes: x right, y up, z backward (Nerfstudio, "Data
+    conventions").
     """
     (folder / "depth").mkdir()
     g, images = posed.geometry, write_images(posed.frames, folder)

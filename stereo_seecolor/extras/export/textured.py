@@ -125,7 +125,9 @@ def write_textured_obj(posed: PosedRun, folder: Path) -> str:
 
 
 def _write_page(file: TextIO, mesh: PageMesh, position: NDArray[np.float64], before: int) -> None:
-    """Vertices, places in the texture (from the lower left), and triangles, counted on."""
+    """Vertices, places in the texture (from its lower left corner), and triangles, counted on from
+    those before.
+    """
     np.savetxt(file, position, fmt="v %.5f %.5f %.5f")
     np.savetxt(file, np.stack([mesh.uv[:, 0], 1 - mesh.uv[:, 1]], axis=1), fmt="vt %.7f %.7f")
     np.savetxt(file, np.repeat(mesh.triangles + before, 2, axis=1), fmt="f %d/%d %d/%d %d/%d")

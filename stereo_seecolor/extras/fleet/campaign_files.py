@@ -30,9 +30,7 @@ def refuse_files_of_others(root: Path, files: Iterable[Path]) -> None:
 
 
 def write_own(root: Path, file: Path, content: Content) -> None:
-    """Write a file of a campaign whose folder is ``root``. Raises OutputError, also where another's
-    file is in its place.
-    """
+    """Write a file of a campaign in ``root``. Raises OutputError, also for another's file."""
     refuse_files_of_others(root, [file])
     whole = bytes(content) if isinstance(content, bytes | memoryview) else b"".join(content)
     written, name = _written(root), _name(root, file)

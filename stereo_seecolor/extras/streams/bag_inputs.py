@@ -38,9 +38,7 @@ class BagInputs:
         return (self.bag, *calibration_files(self.calib))
 
     def owner(self, kind: str, opened: Opened | None) -> Owner:
-        """The owner of an output folder with results of this bag: recognized by its path, or by the
-        first image's content.
-        """
+        """The owner of an OUT of this bag: recognized by its path, or the first image's content."""
         assert opened  # by open_first
         pairs = opened.pairing.pairs
         return Owner(

@@ -33,7 +33,9 @@ LIBRARY = "stereo-seecolor"
 HEADER_AT = 17
 """Bytes before the header's first string: signature, 8; the record's kind, 1; length, 8."""
 POINT_STEP_PX = 2
-"""Every second pixel of every second row becomes a point: 5 MB a frame of 1280x1024."""
+"""Every second pixel of every second row becomes a point: 16 bytes each, 5 MB a frame of
+1280x1024.
+"""
 
 
 @dataclass(frozen=True, eq=False)

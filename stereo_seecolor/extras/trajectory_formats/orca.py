@@ -1,4 +1,6 @@
-"""ORCA's processed_images.csv: its header is ``image_name,image_path,timestamp_utc,...``."""
+"""ORCA's processed_images.csv:
+``image_name,image_path,timestamp_utc,latitude,longitude,heading_deg,depth_m``.
+"""
 
 import numpy as np
 

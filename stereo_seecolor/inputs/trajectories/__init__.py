@@ -116,9 +116,7 @@ def given_trajectory(
 
 
 def trajectory_files(path: Path) -> tuple[Path, ...]:
-    """The files that are read for a trajectory, given as to ``read_trajectory``. Raises InputError
-    for a bad map of columns.
-    """
+    """The files read for a trajectory, given as to ``read_trajectory``. Raises InputError."""
     return tuple(column_map.split_spec(part)[0] for part in column_map.split_files(path))
 
 
@@ -138,9 +136,7 @@ def _table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, Mapping[str
 
 
 def _of_left(trajectory: Trajectory) -> Trajectory:
-    """Without the poses of the right camera where the file names both sides' images
-    (``left/0001.png``, ``right/0001.png``).
-    """
+    """Without the right camera's poses where images of both sides are named (``left/0001.png``)."""
     sides = [side_of(name) for name in trajectory.names]
     lefts = {
         without_side(name, "left")

@@ -47,9 +47,7 @@ _KML = re.compile(r"<when>([^<]+)</when>|<gx:coord>\s*([^\s<]+)\s+([^\s<]+)[^<]*
 
 
 def recognizes(lines: Lines) -> bool:
-    """Sentences of NMEA among the first lines, or beacons with a date anywhere, or points of GPX or
-    a KML track with times.
-    """
+    """NMEA among the first lines, beacons with a date, or points of GPX or a timed KML track."""
     begin = "\n".join(lines.all[:40])
     return (
         _SENTENCE.search(begin) is not None

@@ -36,9 +36,7 @@ ALIKE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """T_world_camera: (N, 4, 4), NaN where a frame has no pose. reasons: why, by frame. warnings:
-    what a person should know.
-    """
+    """T_world_camera: (N, 4, 4), NaN without a pose. reasons: why, by frame. warnings: notes."""
 
     T_world_camera: NDArray[np.float64]
     reasons: dict[int, str]

@@ -15,7 +15,9 @@ from stereo_seecolor.mapping.track.pose_graph import Prior
 Array = NDArray[np.float64]
 
 FAR_OFF, ROUNDS = 8.0, 5
-"""Standard deviations by which a position is an outlier along an axis, in as many rounds."""
+"""Standard deviations by which a position along an axis is far off: an outlier is no prior. They
+are found in so many rounds.
+"""
 LEAST_OFF_M = 0.05
 """Standard deviation of positions, at least: less is no more than navigation's noise."""
 MIN_FRAMES = 5

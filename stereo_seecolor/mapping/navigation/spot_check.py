@@ -1,4 +1,6 @@
-"""A check at a few places whether poses are as exact as the map can show."""
+"""A check at a few places of the dive whether given poses are as exact as the map can show, so that
+no track must be followed.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

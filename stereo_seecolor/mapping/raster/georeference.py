@@ -95,7 +95,8 @@ def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np
     """Transform poses (N, 4, 4) in meters around the origin into its UTM zone, each turned by the
     meridian convergence at its place.
 
-    What a frame saw keeps its true size; between frames UTM is up to 0.04 % shorter.
+    What a frame saw keeps its true size: between frames UTM is up to 0.04 % shorter, a millimeter
+    over two meters.
     """
     import pyproj
 

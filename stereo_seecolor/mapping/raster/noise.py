@@ -61,7 +61,9 @@ class Smoothing:
     of_ranges: NDArray[np.bool_]
 
     def undone(self, fine: Array, coarse: Array, cells: float, resolved: float) -> Array:
-        """The numbers at ``cells`` from those at ``resolved``, and ``smoother`` times as many."""
+        """The numbers at ``cells`` from those of heights resolved to ``resolved`` cells, and to
+        ``smoother`` times as many.
+        """
         own, added = self.kernel_cells * cells, resolved**2 - cells**2
         at_fine = np.sqrt(own**2 + added)
         at_coarse = np.sqrt(own**2 + added + (CORRECTION_SETTINGS.smoother**2 - 1) * resolved**2)

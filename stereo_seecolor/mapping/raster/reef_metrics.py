@@ -162,7 +162,9 @@ def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def _plane(heights: Heights, cell_m: float) -> tuple[Any, Any, Heights]:
-    """Rise to the east and north of the fitted plane (...), and the heights without it."""
+    """Rise to the east and to the north of the fitted plane (...), and what is left of the heights
+    (..., H, W) without it.
+    """
     known = np.isfinite(heights)
     rows, columns = np.mgrid[: heights.shape[-2], : heights.shape[-1]] * cell_m
     away = [

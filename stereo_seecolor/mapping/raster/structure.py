@@ -1,4 +1,6 @@
-"""Structure of a site at several scales: mean over squares, deviation, standard error."""
+"""Structure of a site at several scales: mean over squares of an edge, standard deviation among
+them, and standard error.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields, replace

@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """The highest surface over cells: height_m (H, W), color (H, W, 3) 0..255 float32; or NaN."""
+    """The highest surface over each cell of ``grid``: height_m (H, W), color (H, W, 3) 0..255 as
+    float32; NaN where unknown.
+    """
 
     grid: Grid
     height_m: NDArray[np.float64]
@@ -92,5 +94,7 @@ def render_terrain(surfaces: Iterable[Surface], grid: Grid, folder: Path) -> Blo
 
 
 def known_area_m2(blocks: Iterable[NDArray[np.floating]], cell_m: float) -> float:
-    """The planar area that a map shows: of cells with a height. blocks: of heights, or NaN."""
+    """The planar area that a map shows: of all cells of its terrain that have a height. blocks: of
+    heights, NaN where unknown.
+    """
     return sum(int(np.isfinite(heights).sum()) for heights in blocks) * cell_m**2

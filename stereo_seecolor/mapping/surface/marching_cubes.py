@@ -41,7 +41,9 @@ def _place(b: Any, k: Any, j: Any, i: Any, around: Any) -> Any:
 
 @compiled
 def _gather(b: Any, around: Any, tsdf: Any, weight: Any, least: Any, low: int, wide: Any) -> None:
-    """Signed distances of a block and voxels around into wide (w, w, w); NaN for low weights."""
+    """Signed distances of a block and of the voxels around it from ``low`` on into wide (w, w, w);
+    NaN where weights are low.
+    """
     size = len(wide)
     for k in range(size):
         for j in range(size):
@@ -186,7 +188,9 @@ def _mix(a: Any, b: Any, share: Any, color: Any) -> None:
 def list_triangles(
     own: Any, around: Any, tables: Any, found: Any, starts: Any, indices: Any, first: int, last: int
 ) -> None:
-    """Write the triangles of blocks own[first:last] to indices (T, 3). starts: (B,) of blocks."""
+    """Write the triangles of the blocks own[first:last] to indices (T, 3) int32. starts: (B,) the
+    first one of each block.
+    """
     counts, edges, ends = tables
     cases, numbers = found
     for b in own[first:last]:

@@ -1,4 +1,6 @@
-"""Open3D, the optional library that fuses maps and opens the window onto one."""
+"""Open3D, the optional library that fuses maps (``mapping.engine: open3d``) and opens the window
+onto one (``view --window``).
+"""
 
 from typing import Any
 

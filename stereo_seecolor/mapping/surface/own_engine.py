@@ -1,4 +1,6 @@
-"""Fusion of a tile: weighted measurements fill voxels; the surface is where they are zero."""
+"""Fusion of a tile: its frames' weighted measurements fill the voxels, and the surface is where
+their signed distance is zero.
+"""
 
 from collections.abc import Iterable
 from functools import partial

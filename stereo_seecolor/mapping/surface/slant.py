@@ -59,7 +59,8 @@ def _slope(before: Any, middle: Any, behind: Any) -> Any:
     """Change of the inverse depth over SLANT_PX along one axis: the smaller of both sides, so that
     it holds on both.
 
-    0 where they differ in sign (a branch, a ridge) or one is not measured (an edge of the seen).
+    0 where they differ in sign (a branch, a ridge) or one is not measured (an edge of what was
+    seen).
     """
     rise, fall = behind - middle, middle - before
     slope = rise if abs(rise) < abs(fall) else fall

@@ -48,7 +48,9 @@ def drop(store: TileStore, tiling: Tiling) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _TileParts:
-    """The connected parts of a tile. areas_m2: (P,). border: shared points, and their part."""
+    """The connected parts of a tile. areas_m2: (P,). border: points that a neighboring tile may
+    hold, and the part of each.
+    """
 
     areas_m2: NDArray[np.float64]
     border: list[tuple[bytes, int]]

@@ -25,7 +25,9 @@ UNKNOWN = 1e4
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """A frame's pose by navigation: T_world_camera (4, 4); position_std_m: (3,) in world axes."""
+    """The pose that navigation gives a frame: T_world_camera (4, 4), and its standard errors;
+    position_std_m: (3,) in world axes.
+    """
 
     frame: int
     T_world_camera: NDArray[np.float64]

@@ -88,9 +88,7 @@ class SeenWhite:
 def seen_whites(
     frame: str, targets: Sequence[Target], image: Image, range_m: Map, water: Water
 ) -> Iterator[SeenWhite]:
-    """The white of each target in a frame that shows enough of it. image: uncorrected, with the
-    survey's light divided out.
-    """
+    """The white of each target in a frame, if enough shows. image: without the survey's light."""
     light = decoded_values(8 * image.dtype.itemsize, water.input_encoding)
     for target in targets:
         patches = tuple(

@@ -69,9 +69,7 @@ def lattices(patches: FlatPatches) -> Iterator[Lattice]:
 
 
 def _seeds(patches: FlatPatches, tree: KDTree) -> list[tuple[int, int, int]]:
-    """Seeds of grids: a patch, the next in its row and the next in its column, at places where
-    other patches continue them.
-    """
+    """Seeds of grids: a patch, the next in its row and in its column, that others continue."""
     first, second, third = _corners(patches, tree)
     if not len(first):
         return []

@@ -1,6 +1,4 @@
-"""Finds plain white or light gray cards in an image: even regions with four straight sides,
-brighter than their surroundings.
-"""
+"""Finds plain white or light gray cards in an image: even, bright, with four straight sides."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

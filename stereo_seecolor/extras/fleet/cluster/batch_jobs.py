@@ -41,9 +41,7 @@ class BatchJobs:
         return dict(line.split(" ", 1) for line in found.stdout.splitlines())
 
     def ended(self) -> str:
-        """Where all jobs have left the queue: their numbers, with log and its last line; else, or
-        where it is unknown, "".
-        """
+        """Where all jobs have left the queue: numbers, log and last line; else ""."""
         try:
             if self.kind != "slurm" or not self.numbers or self.states():
                 return ""

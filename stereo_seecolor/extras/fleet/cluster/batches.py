@@ -30,9 +30,7 @@ SETTINGS = BatchSettings()
 
 
 class Batches(Generic[Item]):
-    """Items cut into batches as they are needed. Results do not depend on the cuts, so that these
-    follow the measured time.
-    """
+    """Items cut into batches as needed, by measured time; results do not depend on the cuts."""
 
     def __init__(self, items: Iterable[Item], most: int | None = None) -> None:
         """most: items of a batch at most."""

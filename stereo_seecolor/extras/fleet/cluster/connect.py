@@ -289,9 +289,7 @@ def _check_scheduler(client: Any, name: str) -> None:
 
 
 def _wait(client: Any, opened: OpenedCluster, name: str, notice: Callable[[str], None]) -> None:
-    """For the first worker. Raises ClusterError with what the batch system says of the jobs, as
-    soon as none of them can come.
-    """
+    """For the first worker. Raises ClusterError with the batch system's words if none can come."""
     jobs, end_s, noticed = opened.jobs, time.monotonic() + opened.wait_s, False
     while True:
         try:

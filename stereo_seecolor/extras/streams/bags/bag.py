@@ -87,9 +87,7 @@ CACHED_CHUNKS = 4
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A message of an indexed topic. stamp_ns: of its header, since 1970; where that is 0, the time
-    at which it was recorded.
-    """
+    """A message of an indexed topic. stamp_ns: of its header, else of its recording, since 1970."""
 
     channel: Channel
     stamp_ns: int
@@ -105,9 +103,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag. entries: its messages by their stamps, only where its type is one of
-    INDEXED. count: of all messages.
-    """
+    """A topic of a bag. entries: messages by stamps, where indexed. count: of all messages."""
 
     name: str
     msgtype: str

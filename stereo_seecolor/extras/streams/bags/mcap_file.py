@@ -41,9 +41,7 @@ class _Declared:
 
 
 def walk_mcap(source: ByteSource, problems: list[str]) -> Iterator[Message]:
-    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
-    with it is added to ``problems``.
-    """
+    """The messages in the file's order, as far as it can be read; ``problems`` gets the rest."""
     declared, closed = _Declared(), False
     try:
         for record in _records(source, len(MCAP_MAGIC)):

@@ -34,9 +34,7 @@ class _Ros1Record(NamedTuple):
 
 
 def walk_ros1(source: ByteSource, problems: list[str]) -> Iterator[Message]:
-    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong
-    with it is added to ``problems``.
-    """
+    """The messages in the file's order, as far as it can be read; ``problems`` gets the rest."""
     channels: dict[bytes, Channel] = {}
     try:
         for record in _records(source, len(ROS1_MAGIC)):

@@ -34,9 +34,7 @@ def static_frames(bag: Bag) -> Frames:
 
 
 def between(frames: Frames, start: str, end: str) -> Array | None:
-    """(4, 4) from the axes of ``end`` to those of ``start``, over as few transforms as possible;
-    None where nothing leads there.
-    """
+    """(4, 4) from ``end`` axes to ``start`` axes, over fewest transforms; None without a way."""
     start, end = start.lstrip("/"), end.lstrip("/")
     waiting, known = deque([start]), {start: np.eye(4)}
     while waiting:

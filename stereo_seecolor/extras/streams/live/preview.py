@@ -149,9 +149,7 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
             self.wfile.write(content)
 
         def _is_allowed(self) -> bool:
-            """True with the token, or from this machine; other sites must not read the page through
-            a host name of theirs.
-            """
+            """True with the token, or from this machine: other sites must not read the page."""
             if token:
                 return secrets.compare_digest(
                     self.path[: 1 + len(token)].encode(), f"/{token}".encode()
