@@ -184,6 +184,7 @@ SHAPES: dict[str, Shape] = {
     },
     "view": {"out": str, "mesh": (str, None), "viewer": str},
     "metrics": {
+        "note": str,
         "out": str,
         "structure": [
             {
