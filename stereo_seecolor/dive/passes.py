@@ -140,7 +140,7 @@ def _range_facts(run: DiveRun) -> list[Mapping[str, float]]:
 
 def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
     """The light of the dive: an earlier run's if it was solved from the same inputs, else solved
-    now; none for a single frame.
+    now; none where fewer than two frames went through.
     """
     color, source = run.frames.config.color, run.frames.source
     allowed = LightTerms(
@@ -149,7 +149,7 @@ def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
         color.camera_exposure == "auto",
         color.lights == "auto",
     )
-    if source.geometry is None or len(run.pairs) < 2 or not any(allowed):
+    if source.geometry is None or len(run.good_pairs) < 2 or not any(allowed):
         return NO_LIGHT
     key = _fit_key(run, ranges, None)
     kept = KeptLight.load(run.folder.root, key) if key and not run.options.verify else None
