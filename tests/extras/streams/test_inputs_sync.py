@@ -185,6 +185,11 @@ def test_frames_that_are_lacking_near_an_end_of_the_overlap_are_named(tmp_path: 
         InputError, match=r"-3\.6\d+ s relative .* and -3\.6\d+ s around .*: one of"
     ):
         sync(*write_pair(tmp_path, -3.6, seconds=10, lost=2))
+    # 2 s of the 20 s that both have, which quarters hide, too
+    with pytest.raises(
+        InputError, match=r"\+15\.79\d s relative .* and \+15\.7\d+ s around .*: one"
+    ):
+        sync(*write_pair(tmp_path, 15.8, seconds=36, lost=2))
 
 
 @pytest.mark.slow

@@ -32,8 +32,10 @@ class SyncLimits:
     still: float = 0.004
     disagree_s: float = 0.02  # cameras record sound up to half a frame early or late
     sigmas: float = 3.0
-    # of the overlap, whose lags are compared: frames may be lost anywhere
-    parts: int = 4
+    # parts of the overlap whose lags are compared, as frames may be lost anywhere: so long, but at
+    # least and at most so many
+    part_s: float = 3.0
+    parts: tuple[int, int] = (4, 32)
     reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
     # image widths that the picture moves between both frames of a pair: 2 px of 1920, 2% of a range
     false_disparity: float = 1e-3
@@ -229,12 +231,10 @@ def _refuse_lost_frames(
         return found
 
     halves = lags(2)
+    parts = int(np.clip((end_s - begin_s) / LIMITS.part_s, *LIMITS.parts))
+    near = lags(parts) if whole else []
     found = sorted(
-        [
-            lag
-            for lag in (halves if all(halves) else []) + (lags(LIMITS.parts) if whole else [])
-            if lag
-        ],
+        [lag for lag in (halves if all(halves) else []) + near if lag],
         key=lambda lag: lag.center_s,
     )
     for a, b in combinations(found, 2):
