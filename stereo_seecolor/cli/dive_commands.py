@@ -238,12 +238,10 @@ def _end_with_page(
     report.say(run_text(summary, out))
     with report.working():
         recorded = _record(out, out_mcap)
-    page = out / INDEX
-    report.end(
-        {**run_content(summary, out), "page": page},
-        page_text(page) + recorded,
-        run_exit_code(summary),
-    )
+    page, content = out / INDEX, run_content(summary, out)
+    if not page.is_file():  # of a shard
+        report.end(content, recorded, run_exit_code(summary))
+    report.end({**content, "page": page}, page_text(page) + recorded, run_exit_code(summary))
 
 
 def _record(out: Path, out_mcap: Path | None) -> str:

@@ -134,7 +134,9 @@ def _range_facts(run: DiveRun) -> list[Mapping[str, float]]:
 
 
 def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
-    """The light of the dive: an earlier run's of the same inputs, else solved now; or none."""
+    """The light of the dive: an earlier run's of the same inputs, else solved now; none where fewer
+    than two frames went through.
+    """
     color, source = run.frames.config.color, run.frames.source
     allowed = LightTerms(
         color.lights == "auto",
@@ -142,7 +144,7 @@ def find_light(run: DiveRun, ranges: DiveRanges) -> DiveLight:
         color.camera_exposure == "auto",
         color.lights == "auto",
     )
-    if source.geometry is None or len(run.pairs) < 2 or not any(allowed):
+    if source.geometry is None or len(run.good_pairs) < 2 or not any(allowed):
         return NO_LIGHT
     key = _fit_key(run, ranges, None)
     kept = KeptLight.load(run.folder.root, key) if key and not run.options.verify else None

@@ -47,6 +47,17 @@ class PosedRun:
         return np.float32(self.map.range_scale) * frame.measured_range_m()
 
     @property
+    def left_out(self) -> str:
+        """A note on finished frames that are in other parts of the map, or in none; "" for none."""
+        count = len(self.run.frames) - len(self.frames)
+        return (
+            f"only the map's main part: {count} of {len(self.run.frames)} frames are in other "
+            "parts of the map, or in none"
+            if count
+            else ""
+        )
+
+    @property
     def survey(self) -> SurveyFrames:
         """The frames with their ranges as the map takes them, one by one. Raises InputError."""
         return SurveyFrames(self.run, self.map.range_scale, self.frames)

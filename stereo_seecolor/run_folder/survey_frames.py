@@ -39,9 +39,12 @@ class SurveyFrames(Lazy[SurveyFrame]):
                 f"settings, {said}: run the same command again first"
             )
         if not run.frames or any("corrected" not in frame.products for frame in run.frames):
-            raise InputError(
-                f"{run.root}: contains no frame that finished all stages: finish the run first"
-            )
+            fix = "finish the run first"
+            if run.totals.get("pairs_of_dive"):
+                fix = "it is a shard of a dive: join all shards with stereo-seecolor merge first"
+            elif run.totals.get("failed") and not run.totals.get("ok"):
+                fix = f"all {run.totals['failed']} pairs failed, for reasons that frames.csv names"
+            raise InputError(f"{run.root}: contains no frame that finished all stages: {fix}")
         self.geometry, self.T_rectified_left = geometry, T_rectified_left
         self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
 

@@ -400,6 +400,18 @@ def test_products_of_a_pair_that_was_removed_are_kept_aside(
 
 
 @pytest.mark.slow
+def test_a_dive_of_which_all_pairs_failed_is_told_no_other_cause(make_dive, tmp_path: Path) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    for path in (dive.root / "R").iterdir():
+        path.write_bytes(b"no image")
+    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
+    assert summary.count("failed") == 2
+    assert not [note for note in summary.notes if "show the same spots" in note]
+    with pytest.raises(InputError, match="all 2 pairs failed, for reasons that"):
+        SurveyFrames(open_run(out))
+
+
+@pytest.mark.slow
 def test_ranges_by_another_calibration_leave_no_old_colors(
     copy_run: CopyRun, dive: Dive, tmp_path: Path
 ) -> None:

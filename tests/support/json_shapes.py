@@ -122,7 +122,7 @@ SHAPES: dict[str, Shape] = {
     },
     "live": {
         **keys(int, "done failed dropped"),
-        **keys(str, "last_error reduced"),
+        **keys(str, "last_error reduced waiting"),
         **keys(UNKNOWN, "latency_median_s latency_p95_s products_median_s products_p95_s"),
     },
     "bag-info": {
@@ -184,6 +184,7 @@ SHAPES: dict[str, Shape] = {
     },
     "view": {"out": str, "mesh": (str, None), "viewer": str},
     "metrics": {
+        "note": str,
         "out": str,
         "structure": [
             {

@@ -22,7 +22,7 @@ FOR_MAPS = ("qgis", "arcgis", "arcmap", "geotiff")
 @dataclass(frozen=True)
 class ExportResult:
     """The exported files: their number and size. frames: number of the map's frames. note: quality,
-    for formats that measure it.
+    for formats that measure it, and frames that are left out.
     """
 
     format: str
@@ -54,7 +54,7 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
         len(posed.frames),
         len(written),
         sum(path.stat().st_size for path in written),
-        note or "",
+        "; ".join(text for text in (note, posed.left_out) if text),
     )
 
 

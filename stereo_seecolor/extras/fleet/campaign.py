@@ -90,8 +90,9 @@ class CampaignFile(BaseModel):
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"
+            fix = ": write it in quotes" if first["type"] == "string_type" else ""
             raise InputError(
-                f"{path}: {where}: {first['msg']} (docs/fleets.md shows a campaign)"
+                f"{path}: {where}: {first['msg']}{fix} (docs/fleets.md shows a campaign)"
             ) from error
         names = [dive.name for dive in campaign.dives]
         twice = next((name for name in names if names.count(name) > 1), None)

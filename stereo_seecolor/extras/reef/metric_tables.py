@@ -22,7 +22,7 @@ class SiteMetrics:
     outlines of which nothing was seen. point_cover: by label, of points that somebody labelled;
     unseen_points: how many of those lie where the map shows nothing.
     height_std_m: median standard error of a height of the terrain; at rims it is larger. files:
-    what was written.
+    what was written. note: on frames that are left out.
     """
 
     structure: tuple[StructureAtScale, ...]
@@ -35,6 +35,7 @@ class SiteMetrics:
     point_cover: tuple[PointCover, ...] = ()
     unseen_points: int = 0
     files: tuple[Path, ...] = ()
+    note: str = ""
 
 
 def tables(result: SiteMetrics) -> dict[str, list[Row]]:

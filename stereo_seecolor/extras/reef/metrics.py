@@ -77,6 +77,7 @@ def metrics(
         height_std_m=_median(height_stds(terrain.height_m)[terrain.known]),
         point_cover=tuple(point_cover(seen)),
         unseen_points=len(labelled) - len(seen),
+        note=site.posed.left_out,
     )
     if folder is None:
         return result

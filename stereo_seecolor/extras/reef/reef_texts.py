@@ -17,7 +17,8 @@ def metrics_text(result: "SiteMetrics") -> str:
     parts = [
         lines(
             f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm (median, more "
-            "at rims)"
+            "at rims)",
+            *([f"note: {result.note}"] if result.note else []),
         ),
         _structure(result),
     ]

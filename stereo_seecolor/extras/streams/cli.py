@@ -291,6 +291,7 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
     output += [
         counted(found.pairs, "pair of frames"),
         "",
-        f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
+        f"stereo-seecolor run --left {left} --right {right} --calib {calib or 'cam.yaml'} "
+        "--out out",
     ]
     report.end(vars(found), lines(*output))

@@ -24,12 +24,15 @@ from stereo_seecolor.earth import (
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles, stac
 from stereo_seecolor.extras.export.command import export, export_formats
+from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.reef.outline_files import read_outlines
+from stereo_seecolor.extras.reef.reef_texts import metrics_text
 from stereo_seecolor.extras.streams import recording
 from stereo_seecolor.extras.streams.mcap_recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 FRAMES = 5
@@ -358,6 +361,19 @@ def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
     export(out, "metashape", tmp_path / "to")
     exported = cv2.imread(str(tmp_path / "to" / "images" / "f0.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(exported, cv2.imread(str(fused / "corrected" / "f0.png")))
+
+
+@pytest.mark.slow
+def test_frames_that_are_not_in_the_main_part_are_counted(fused: Path, tmp_path: Path) -> None:
+    out = shutil.copytree(fused, tmp_path / "run")
+    frames = len(open_run(out).frames)
+    for name in ("trajectory.tum", "poses.csv"):
+        path = out / "map" / name
+        path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+    said = f"1 of {frames} frames are in other parts of the map, or in none"
+    assert said in export(out, "ifdo", tmp_path / "export").note
+    assert said in metrics_text(metrics(out))
+    assert not export(fused, "ifdo", tmp_path / "whole").note
 
 
 def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:

@@ -237,6 +237,7 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
         ("out: x", "dives: Field required"),
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
+        (f"{{out: x, dives: [{{name: 2024-05-01, {SIDES}}}]}}", "dives.0.name: .*in quotes"),
         (f"{{out: x, dives: [{{name: a, water: w.json, site: s, {SIDES}}}]}}", "give only one"),
         (
             f"{{out: x, dives: [{{name: a, {SIDES}}}, {{name: a, {SIDES}}}]}}",

@@ -94,6 +94,17 @@ def test_shards_of_a_folder_that_grew_in_between_are_not_merged(make_dive, tmp_p
 
 
 @pytest.mark.slow
+def test_a_shard_has_no_page_and_no_map(make_dive, cli, tmp_path) -> None:
+    dive, out = make_dive(3), tmp_path / "1"
+    sides = ("--left", dive.root / "L", "--right", dive.root / "R")
+    words = ("--calib", dive.root / "cam.yaml", "--out", out, "--shard", "1/2")
+    code, printed, _ = cli("run", *sides, *words)
+    assert (code, "index.html" in printed, (out / "index.html").exists()) == (0, False, False)
+    code, _, said = cli("fuse", out)
+    assert (code, "it is a shard of a dive: join all shards with" in said) == (1, True)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("lock", ["auto", "frame"])
 def test_shards_corrected_apart_with_the_water_of_all(make_dive, tmp_path, lock: str) -> None:
     dive = make_dive(4)

@@ -174,8 +174,28 @@ def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("lost", [1, 8])
 def test_frames_that_one_file_lacks_are_named(tmp_path: Path, lost: int) -> None:
-    with pytest.raises(InputError, match=r"in the first half and -0\.\d+ s in the second: one of"):
+    with pytest.raises(InputError, match=r"around [\d.]+ s and -0\.\d+ s around [\d.]+ s: one"):
         sync(*write_pair(tmp_path, 0.0, seconds=12, lost=lost))
+
+
+@pytest.mark.slow
+def test_frames_that_are_lacking_near_an_end_of_the_overlap_are_named(tmp_path: Path) -> None:
+    """Its halves alone hide them: one is then of both offsets."""
+    with pytest.raises(
+        InputError, match=r"-3\.6\d+ s relative .* and -3\.6\d+ s around .*: one of"
+    ):
+        sync(*write_pair(tmp_path, -3.6, seconds=10, lost=2))
+    # 2 s of the 20 s that both have, which quarters hide, too
+    with pytest.raises(
+        InputError, match=r"\+15\.79\d s relative .* and \+15\.7\d+ s around .*: one"
+    ):
+        sync(*write_pair(tmp_path, 15.8, seconds=36, lost=2))
+
+
+@pytest.mark.slow
+def test_videos_of_which_a_third_has_no_partner_are_not_told_to_lack_frames(tmp_path: Path) -> None:
+    found = sync(*write_pair(tmp_path, 3.3, seconds=10))
+    assert abs(error_s(found, 3.3, 0.0)) < 3 * found.std_s
 
 
 @pytest.mark.slow

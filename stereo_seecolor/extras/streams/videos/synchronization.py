@@ -3,7 +3,7 @@ flash, time codes, moving pictures.
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,10 @@ class SyncLimits:
     still: float = 0.004
     disagree_s: float = 0.02  # cameras record sound up to half a frame early or late
     sigmas: float = 3.0
+    # parts of the overlap whose lags are compared, as frames may be lost anywhere: so long, but at
+    # least and at most so many
+    part_s: float = 3.0
+    parts: tuple[int, int] = (4, 32)
     reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
     # image widths that the picture moves between both frames of a pair: 2 px of 1920, 2% of a range
     false_disparity: float = 1e-3
@@ -105,11 +109,12 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     picture moves too fast for the time that frames are apart; DeviceError.
     """
     signals = video_signals(left), video_signals(right)
-    _refuse_lost_frames(left, right, signals)
+    motion = motion_lag(*signals)
+    _refuse_lost_frames(left, right, signals, motion)
     evidence = tuple(
         Evidence(kind, lag)
         for kind, lag in (
-            ("motion", motion_lag(*signals)),
+            ("motion", motion),
             ("sound", sound_lag(sound(left), sound(right))),
             ("flash", flash_lag(*signals)),
         )
@@ -134,7 +139,8 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     if best.std_s > min(item.frame_s for item in signals) / 2:
         raise InputError(
             f"{left} and {right}: the standard error of their offset is "
-            f"{1000 * best.std_s:.0f} ms, more than half a frame: set input.video_offset_s"
+            f"{1000 * best.std_s:.0f} ms, more than half a frame: do they show the same minutes "
+            "of one dive? If so, set input.video_offset_s"
         )
     return replace(paired(signals, best, evidence), time_code=code)
 
@@ -198,33 +204,49 @@ def _lag(times: tuple[Array, Array], motions: tuple[Array, Array]) -> Lag | None
 
 
 def _refuse_lost_frames(
-    left: Path, right: Path, signals: tuple[VideoSignals, VideoSignals]
+    left: Path, right: Path, signals: tuple[VideoSignals, VideoSignals], whole: Lag | None
 ) -> None:
-    """Raise InputError where the motion of both halves of a video gives lags that no drift of
-    clocks explains.
+    """Raise InputError where the motion of parts of a video gives lags that no drift of clocks
+    explains. whole: the lag by all motion.
     """
     first, second = signals
     if min(_usual(first), _usual(second)) < LIMITS.still:
         return
-    middle = len(first.motion) // 2
-    times, motion = (first.motion_times_s, second.motion_times_s), (first.motion, second.motion)
-    found = []
-    for half in (slice(None, middle), slice(middle, None)):
-        part = (times[0][half], times[1]), (motion[0][half], motion[1])
-        lag = _lag(*part) if middle else None
-        if lag is None:
-            return
-        found.append(lag)
-    apart_s = abs(found[1].offset_s - found[0].offset_s)
-    usual_s = 2 * LAG.drift * abs(found[1].center_s - found[0].center_s)
-    usual_s += LIMITS.sigmas * float(np.hypot(found[0].std_s, found[1].std_s))
-    if apart_s > max(first.frame_s, second.frame_s) / 2 + usual_s:
-        raise InputError(
-            f"{left} and {right}: the right clock is {found[0].offset_s:+.3f} s relative to the "
-            f"left one in the first half and {found[1].offset_s:+.3f} s in the second: one of the "
-            "files lacks frames (lost while recording, or cut out): convert it with the times of "
-            "its frames, or run the parts separately"
-        )
+    own_s, times_s = first.motion_times_s, second.motion_times_s
+    begin_s, end_s = own_s[0], own_s[-1]
+    if whole:  # what only one of the two has agrees with something by chance
+        begin_s = max(begin_s, times_s[0] - whole.offset_s)
+        end_s = min(end_s, times_s[-1] - whole.offset_s)
+
+    def lags(parts: int) -> list[Lag | None]:
+        """The lag of each part of the overlap: of halves any, of others near that of all."""
+        edges_s, found = np.linspace(begin_s, end_s, parts + 1), []
+        for since_s, until_s in pairwise(edges_s):
+            part = (own_s >= since_s) & (own_s <= until_s)
+            of_part = (own_s[part], times_s), (first.motion[part], second.motion)
+            near = (whole.offset_s, whole.correlation) if whole and parts > 2 else None
+            found.append(
+                None if part.sum() < 2 else fine_lag(*of_part, near) if near else _lag(*of_part)
+            )
+        return found
+
+    halves = lags(2)
+    parts = int(np.clip((end_s - begin_s) / LIMITS.part_s, *LIMITS.parts))
+    near = lags(parts) if whole else []
+    found = sorted(
+        [lag for lag in (halves if all(halves) else []) + near if lag],
+        key=lambda lag: lag.center_s,
+    )
+    for a, b in combinations(found, 2):
+        usual_s = 2 * LAG.drift * abs(b.center_s - a.center_s)
+        usual_s += LIMITS.sigmas * float(np.hypot(a.std_s, b.std_s))
+        if abs(b.offset_s - a.offset_s) > max(first.frame_s, second.frame_s) / 2 + usual_s:
+            raise InputError(
+                f"{left} and {right}: the right clock is {a.offset_s:+.3f} s relative to the left "
+                f"one around {a.center_s:.1f} s and {b.offset_s:+.3f} s around {b.center_s:.1f} "
+                "s: one of the files lacks frames (lost while recording, or cut out): convert it "
+                "with the times of its frames, or run the parts separately"
+            )
 
 
 def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
