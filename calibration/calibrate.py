@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.boards.bundle import Array, Bundle, Lens, rms, solve
+from calibration.boards.figures import Places
 from calibration.boards.lens import fit_rig, to_camera
 from calibration.boards.outlying_views import view_errors, without_outliers
 from calibration.boards.report import CalibrationReport, LensScore, ViewReport
@@ -16,7 +17,7 @@ from calibration.boards.target_views import TargetView, common_ids, observations
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
 from calibration.rectification import rectified_points
-from calibration.resampling import jackknife, no_worse
+from calibration.resampling import NEGLIGIBLE, jackknife, no_worse
 from calibration.rig import Medium, StereoRig
 from calibration.rig_errors import RigErrors
 
@@ -50,27 +51,31 @@ def calibrate(
         fits += [fit_rig(kept, target, lens) for lens in LENSES[2:]]
     else:
         fits = fits[:1]
-    scores = [_cross_validate(fit, kept, target) for fit in fits]
+    fitted = observations_of(kept, target)
+    errors_px = np.array([rms(fit, fitted) for fit in fits])
+    simplest = int(np.argmax(errors_px <= (1 + NEGLIGIBLE / 2) * errors_px.min()))
+    places = Places.of(fits[simplest], size)
+    scores = [_cross_validate(fit, kept, target, places) for fit in fits]
     bundle, score = _choose(fits, scores)
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
         fits.append(
             solve(
                 replace(bundle, lens=replace(bundle.lens, square_pixels=False)),
-                observations_of(kept, target),
+                fitted,
             )
         )
-        scores.append(_cross_validate(fits[-1], kept, target))
+        scores.append(_cross_validate(fits[-1], kept, target, places))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
         widened = _with_choice_of_lens(score, scores)
         # views that give no rig give no shape either, and are refused below
         with suppress(np.linalg.LinAlgError):
-            shape = target_shape(bundle, observations_of(kept, target), target)
-            widened = _with_shape(widened, shape)
+            shape = target_shape(bundle, fitted, target)
+            widened = _with_shape(widened, shape, places)
         scores = [widened if other is score else other for other in scores]
         score = widened
     try:
         rig = _rig(bundle, size, medium)
-        rig = replace(rig, rms_px=rms(bundle, observations_of(kept, target)), errors=_errors(score))
+        rig = replace(rig, rms_px=rms(bundle, fitted), errors=_errors(score))
         _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
@@ -82,7 +87,9 @@ def calibrate(
     return rig, replace(report, views=(*report.views, *dropped, *outliers), shape=shape)
 
 
-def _cross_validate(full: Bundle, views: list[TargetView], target: Target) -> LensScore:
+def _cross_validate(
+    full: Bundle, views: list[TargetView], target: Target, places: Places
+) -> LensScore:
     """Fit without every tenth view in turn, from ``full`` on, and predict the views left out, but
     for the target's pose.
     """
@@ -101,19 +108,9 @@ def _cross_validate(full: Bundle, views: list[TargetView], target: Target) -> Le
         posed = solve(start, observations_of(test, target), poses_only=True)
         squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
         rows.append(_row_errors(fitted, test))
-        fits.append(_figures(fitted))
+        fits.append(places.figures(fitted))
     return LensScore(
-        full.lens, squares, np.concatenate(rows), _figures(full), jackknife(np.array(fits))
-    )
-
-
-def _figures(bundle: Bundle) -> Array:
-    """(3,) focal length left and right (mean of fx and fy), pixels, and baseline, meters."""
-    return np.array(
-        [
-            *(lens[:2].mean() for lens in bundle.intrinsics),
-            np.linalg.norm(bundle.T_right_left[:3, 3]),
-        ]
+        full.lens, squares, np.concatenate(rows), places.figures(full), jackknife(np.array(fits))
     )
 
 
@@ -125,18 +122,16 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
         for other in scores
         if no_worse(other.squares, best.squares) and np.isfinite(other.row_error_px)
     ]
-    spread = np.max(
-        [np.abs(other.figures - score.figures) for other in alike] or [np.zeros(3)], axis=0
-    )
+    spread = np.max([np.abs(other.figures - score.figures) for other in [score, *alike]], axis=0)
     return replace(score, std=np.hypot(score.std, spread), spread=spread)
 
 
-def _with_shape(score: LensScore, shape: TargetShape) -> LensScore:
+def _with_shape(score: LensScore, shape: TargetShape, places: Places) -> LensScore:
     """``score``, its errors widened by what the target's shape changes: of a target longer one way
     than the other it is not known which way is right.
     """
-    change = np.abs(_figures(shape.fit) - score.figures)
-    change[2] = np.hypot(change[2], abs(shape.parameters[0]) / 2 * score.figures[2])
+    change = np.abs(places.figures(shape.fit) - score.figures)
+    change[2:] = np.hypot(change[2:], abs(shape.parameters[0]) / 2 * score.figures[2:])
     return replace(score, std=np.hypot(score.std, change))
 
 
@@ -159,14 +154,11 @@ def _refuse_nonsense(rig: StereoRig, score: LensScore) -> None:
         )
 
 
-def _errors(score: LensScore) -> RigErrors | None:
-    relative = score.std / score.figures
-    known = np.isfinite(relative).all()
-    return (
-        RigErrors(float(relative[:2].max()), float(relative[2]), "stereo-seecolor calibrate")
-        if known
-        else None
-    )
+def _errors(score: LensScore) -> RigErrors:
+    focal, baseline = score.relative_std[:2].max(), score.relative_std[2]
+    # of a length in nine tenths of the image, where lenses are less certain than focal lengths
+    lens = np.sqrt(max(score.range_std**2 - baseline**2, 0.0))
+    return RigErrors(float(max(focal, lens)), float(baseline), "stereo-seecolor calibrate")
 
 
 def _row_errors(bundle: Bundle, views: list[TargetView]) -> Array:

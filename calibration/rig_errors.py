@@ -28,8 +28,8 @@ class RangeError:
 
 @dataclass(frozen=True)
 class RigErrors:
-    """Standard errors, relative. focal: of the worse camera. baseline: of their distance.
-    stated_by: what states them.
+    """Standard errors, relative. focal: of the worse camera, and of its lens where that is less
+    certain. baseline: of their distance. stated_by: what states them.
     """
 
     focal: float

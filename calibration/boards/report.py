@@ -25,6 +25,7 @@ MAX_ROW_ERROR_PX = (0.25, 0.5)
 MAX_RMS_PX = (0.35, 1.0)  # of reprojection
 MAX_FOCAL_STD = (0.005, 0.02)  # fraction of the focal length, and so of every range
 MAX_BASELINE_STD = (0.005, 0.02)  # the same of the baseline
+MAX_RANGE_STD = (0.005, 0.02)  # the same of ranges, which nine tenths of the image stay below
 MIN_COVERAGE = (0.6, 0.35)  # fraction of the cells of both images
 MIN_VIEWS = (10, 5)  # pairs
 
@@ -46,10 +47,10 @@ class LensScore:
     """The score of a lens model: how well it predicts views left out of its fit.
 
     squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row
-    after rectification, px, NaN where the lens model does not reach a corner. figures: (3,) focal
-    length left and right (the mean of fx and fy), pixels, and baseline, meters; std: (3,) their
-    standard errors; spread: (3,) the part of them that is the choice of the lens model, zero where
-    it is not known.
+    after rectification, px, NaN where the lens model does not reach a corner. figures: (3 + n,)
+    focal length left and right (the mean of fx and fy), pixels, baseline, meters, and reciprocal
+    ranges at n places of the image, 1 / m; std: (3 + n,) their standard errors; spread: (3 + n,)
+    the part of them that is the choice of the lens model, zero where it is not known.
     """
 
     lens: Lens
@@ -58,6 +59,17 @@ class LensScore:
     figures: Array
     std: Array
     spread: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def relative_std(self) -> Array:
+        """(3 + n,) standard errors as fractions; 1 where a fit gives no range, and at most."""
+        return np.minimum(np.abs(np.nan_to_num(self.std / self.figures, nan=1.0)), 1.0)
+
+    @property
+    def range_std(self) -> float:
+        """The standard error of ranges, relative, that nine tenths of the image stay below."""
+        places = np.sort(self.relative_std[3:])
+        return float(places[int(0.9 * len(places))]) if len(places) else 1.0
 
     @property
     def rms_px(self) -> float:
@@ -130,9 +142,10 @@ class CalibrationReport:
     @property
     def verdict(self) -> tuple[Verdict, str]:
         """good, usable or do it again; and why, in one line."""
-        focal_std, baseline_std = self.focal_std, float(self.lens.std[2]) / self.rig.baseline_m
+        lens, focal_std = self.lens, self.focal_std
+        baseline_std = float(lens.std[2]) / self.rig.baseline_m
         bad_target = self.shape.text if self.shape else None
-        rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
+        rms_px, rows_px = self.rig.rms_px or np.nan, lens.row_error_px
         figures = [
             (rows_px, MAX_ROW_ERROR_PX, f"vertical disparity {rows_px:.2f} px after rectification"),
             (rms_px, MAX_RMS_PX, f"rms {rms_px:.2f} px"),
@@ -147,6 +160,12 @@ class CalibrationReport:
                 MAX_BASELINE_STD,
                 f"standard error of the baseline {baseline_std:.2%}: "
                 + (bad_target or "take more views, nearer, with both cameras still"),
+            ),
+            (
+                lens.range_std,
+                MAX_RANGE_STD,
+                f"standard error of ranges {lens.range_std:.2%} or more in a tenth of the image: "
+                + (bad_target or "cover both images to their corners"),
             ),
             (
                 -min(self.coverage),
@@ -193,6 +212,8 @@ class CalibrationReport:
             f"right {rig.right.K[0, 0]:.1f} +- {lens.std[1]:.1f} px",
             f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.std[2] * 1000:.2f} mm "
             f"({lens.spread[2] * 1000:.2f} mm between lens models that predict as well)",
+            f"ranges at the target's distance: +- {np.median(lens.relative_std[3:]):.2%}, "
+            f"+- {lens.range_std:.2%} or more in a tenth of the image",
             f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
             coverage
             + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
