@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.boards.bundle import Array, Bundle, Lens, rms, solve
-from calibration.boards.figures import Places
+from calibration.boards.changes import Change, change_midway
+from calibration.boards.figures import RangePlaces
 from calibration.boards.lens import fit_rig, to_camera
-from calibration.boards.outlying_views import view_errors, without_outliers
+from calibration.boards.outlying_views import DISAGREE, view_errors, without_outliers
 from calibration.boards.report import CalibrationReport, LensScore, ViewReport
 from calibration.boards.shifted_pairs import refuse_out_of_step
 from calibration.boards.target_shape import TargetShape, target_shape
@@ -45,7 +46,7 @@ def calibrate(
     refuse_out_of_step(views, target)
     usable, dropped = usable_views(views)
     size = usable[0].image_size
-    shape = None
+    shape = change = None
     kept, outliers, fits = without_outliers(usable, target, LENSES[:2])
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
         fits += [fit_rig(kept, target, lens) for lens in LENSES[2:]]
@@ -54,7 +55,7 @@ def calibrate(
     fitted = observations_of(kept, target)
     errors_px = np.array([rms(fit, fitted) for fit in fits])
     simplest = int(np.argmax(errors_px <= (1 + NEGLIGIBLE / 2) * errors_px.min()))
-    places = Places.of(fits[simplest], size)
+    places = RangePlaces.of(fits[simplest], size)
     scores = [_cross_validate(fit, kept, target, places) for fit in fits]
     bundle, score = _choose(fits, scores)
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
@@ -71,6 +72,10 @@ def calibrate(
         with suppress(np.linalg.LinAlgError):
             shape = target_shape(bundle, fitted, target)
             widened = _with_shape(widened, shape, places)
+        with suppress(np.linalg.LinAlgError):
+            change = _change(usable, kept, outliers, bundle, shape, target)
+        if change:
+            widened, shape = _with_change(widened, change, places), None
         scores = [widened if other is score else other for other in scores]
         score = widened
     try:
@@ -79,16 +84,22 @@ def calibrate(
         _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
-            f"the {len(kept)} views give an impossible rig ({error}): check whether the "
-            "cameras moved or zoomed between pairs, and whether pairs were exposed at the same "
-            "moment, and tilt the target more"
+            f"the {len(kept)} views give an impossible rig ({error}): "
+            + (
+                change.text
+                if change
+                else "check whether the cameras moved or zoomed between pairs, and whether pairs "
+                "were exposed at the same moment, and tilt the target more"
+            )
         ) from error
     report = _report(bundle, rig, kept, target, scores, score)
-    return rig, replace(report, views=(*report.views, *dropped, *outliers), shape=shape)
+    return rig, replace(
+        report, views=(*report.views, *dropped, *outliers), shape=shape, change=change
+    )
 
 
 def _cross_validate(
-    full: Bundle, views: list[TargetView], target: Target, places: Places
+    full: Bundle, views: list[TargetView], target: Target, places: RangePlaces
 ) -> LensScore:
     """Fit without every tenth view in turn, from ``full`` on, and predict the views left out, but
     for the target's pose.
@@ -126,13 +137,39 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
     return replace(score, std=np.hypot(score.std, spread), spread=spread)
 
 
-def _with_shape(score: LensScore, shape: TargetShape, places: Places) -> LensScore:
+def _with_shape(score: LensScore, shape: TargetShape, places: RangePlaces) -> LensScore:
     """``score``, its errors widened by what the target's shape changes: of a target longer one way
     than the other it is not known which way is right.
     """
     change = np.abs(places.figures(shape.fit) - score.figures)
     change[2:] = np.hypot(change[2:], abs(shape.parameters[0]) / 2 * score.figures[2:])
     return replace(score, std=np.hypot(score.std, change))
+
+
+def _change(
+    usable: list[TargetView],
+    kept: list[TargetView],
+    outliers: list[ViewReport],
+    bundle: Bundle,
+    shape: TargetShape | None,
+    target: Target,
+) -> Change | None:
+    """What changed midway, by the kept views and by those whose sides contradict the rig of most:
+    a camera that was moved may have put out all that follow.
+    """
+    moved = {view.name for view in outliers if str(view.reason).startswith(DISAGREE)}
+    views = [view for view in usable if view in kept or view.name in moved]
+    names = [view.name for view in views]
+    fitted = observations_of(views, target)
+    if not moved:
+        return change_midway(bundle, fitted, names, shape)
+    return change_midway(fit_rig(views, target, bundle.lens), fitted, names)
+
+
+def _with_change(score: LensScore, change: Change, places: RangePlaces) -> LensScore:
+    """``score``, its errors widened by how far the rigs before and after lie."""
+    apart = [np.abs(places.figures(fit) - score.figures) for fit in change.fits]
+    return replace(score, std=np.hypot(score.std, np.max(apart, axis=0)))
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:

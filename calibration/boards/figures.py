@@ -21,7 +21,7 @@ GRID = (8, 6)  # places of the rectified image
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class RangePlaces:
     """Places of the image at which fits are compared. left, right: (n, 2) raw pixels that show one
     point each at the target's median distance; none of a rig that cannot be rectified.
     """
@@ -31,7 +31,7 @@ class Places:
     right: Array
 
     @classmethod
-    def of(cls, bundle: Bundle, image_size: Size) -> "Places":
+    def of(cls, bundle: Bundle, image_size: Size) -> "RangePlaces":
         """All over the rectified image of a fit."""
         cameras = [to_camera(bundle.lens.model, one, image_size) for one in bundle.intrinsics]
         rig = StereoRig(cameras[0], cameras[1], bundle.T_right_left)

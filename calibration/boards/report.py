@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.boards.bundle import Lens
+from calibration.boards.changes import Change
 from calibration.boards.target_shape import TargetShape
 from calibration.rig import StereoRig
 from calibration.suspicions import placement_suspicions
@@ -93,7 +94,7 @@ class CalibrationReport:
     rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in
     the rig.
     corners_left, corners_right: (n, 2) pixels of all corners used. shape: of the target, None of
-    too few views.
+    too few views or where the rig changed; change: from a photograph on, None where there is none.
     """
 
     rig: StereoRig
@@ -105,6 +106,7 @@ class CalibrationReport:
     corners_left: Array
     corners_right: Array
     shape: TargetShape | None = None
+    change: Change | None = None
 
     @property
     def used(self) -> tuple[ViewReport, ...]:
@@ -175,6 +177,8 @@ class CalibrationReport:
             (-len(self.used), (-MIN_VIEWS[0], -MIN_VIEWS[1]), f"{len(self.used)} views alone"),
         ]
         again = [text for value, (_, usable), text in figures if not value <= usable]
+        if self.change:
+            again = [self.change.text, *again]
         if again:
             return "do it again", "; ".join(again)
         usable = [text for value, (good, _), text in figures if not value <= good]
@@ -221,6 +225,14 @@ class CalibrationReport:
             *(
                 [f"suspicious: {self.shape.text}: measure it both ways, and glue it flat"]
                 if self.shape and self.shape.text
+                else []
+            ),
+            *(
+                [
+                    f"suspicious: {self.change.text}: calibrate with the photographs before and "
+                    "after apart"
+                ]
+                if self.change
                 else []
             ),
             f"{verdict}: {why}",

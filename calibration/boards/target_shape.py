@@ -22,12 +22,13 @@ SURE, NOTICEABLE = 5.0, 0.002
 class TargetShape:
     """parameters: (4,) how much longer the target is across than down, and the curvature across,
     diagonal and down, all of half its extent; std: (4,) their standard errors by views. fit: the
-    bundle of this shape. half_m: half of its extent.
+    bundle of this shape, to these observations. half_m: half of its extent.
     """
 
     parameters: Array
     std: Array
     fit: Bundle
+    observations: list[CornerObservation]
     half_m: float
 
     @property
@@ -70,7 +71,8 @@ def target_shape(
         parameters = (
             parameters - np.linalg.lstsq(jacobian.reshape(-1, 4), at.ravel(), rcond=None)[0]
         )
-    fit = solve(fit, shaped(parameters))
+    fitted = shaped(parameters)
+    fit = solve(fit, fitted)
     number = np.concatenate(
         [
             np.full(len(one.pixels), one.view)
@@ -85,7 +87,7 @@ def target_shape(
         )[0]
         for view in range(len(bundle.T_left_target))
     ]
-    return TargetShape(parameters, jackknife(np.array(without)), fit, half_m)
+    return TargetShape(parameters, jackknife(np.array(without)), fit, fitted, half_m)
 
 
 def _deformed(points_m: Array, parameters: Array, middle: Array, half_m: float) -> Array:
