@@ -138,11 +138,9 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
 
 
 def _with_shape(score: LensScore, shape: TargetShape, places: RangePlaces) -> LensScore:
-    """``score``, its errors widened by what the target's shape changes: of a target longer one way
-    than the other it is not known which way is right.
-    """
+    """``score``, its errors widened by what the target's shape changes."""
     change = np.abs(places.figures(shape.fit) - score.figures)
-    change[2:] = np.hypot(change[2:], abs(shape.parameters[0]) / 2 * score.figures[2:])
+    change[2:] = np.hypot(change[2:], shape.scale_error * score.figures[2:])
     return replace(score, std=np.hypot(score.std, change))
 
 

@@ -223,7 +223,7 @@ class CalibrationReport:
             + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
             *(f"suspicious: {text}" for text in placement_suspicions(rig)),
             *(
-                [f"suspicious: {self.shape.text}: measure it both ways, and glue it flat"]
+                [f"suspicious: {self.shape.text}: measure it, and glue it flat"]
                 if self.shape and self.shape.text
                 else []
             ),

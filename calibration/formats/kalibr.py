@@ -90,8 +90,8 @@ def write(rig: StereoRig, path: Path) -> None:
     """
     if is_backward(rig.T_right_left):
         raise CalibrationError(
-            "the right camera stands to the left of the left one, which in a Kalibr file means that "
-            "left and right are swapped: exchange the sides, or write another format"
+            "the right camera stands to the left of the left one, which in a Kalibr file means "
+            "that left and right are swapped: exchange the sides, or write another format"
         )
     left = _camera_content(rig.left, "left") | {"cam_overlaps": [1], "rostopic": "/left/image_raw"}
     right = {"T_cn_cnm1": rig.T_right_left.tolist()} | _camera_content(rig.right, "right")

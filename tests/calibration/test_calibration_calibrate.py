@@ -441,6 +441,24 @@ def test_the_shape_of_a_target_is_named_and_stated_errors_hold(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("tag_mm", "space_mm", "fitting"), [(30, 9.3, "9.0"), (29.5, 9, "8.8"), (30, 9, None)]
+)
+def test_another_space_between_tags_is_named_and_stated_errors_hold(
+    tag_mm: float, space_mm: float, fitting: str | None
+) -> None:
+    """Tags and spaces contradict each other, and which of them is right is not known."""
+    rig = pinhole_rig()
+    named = AprilGrid(6, 6, tag_mm / 1000, space_mm / 1000)
+    views = projected_views(rig, AprilGrid(6, 6, 0.03, 0.009), 12, 0.1, np.random.default_rng(5))
+    found, report = calibrate(views, named)
+    text = report.shape.text if report.shape else None
+    assert f"another space between tags: {fitting}" in str(text) if fitting else text is None
+    assert found.errors is not None
+    assert abs(found.baseline_m / rig.baseline_m - 1) < 3 * found.errors.baseline
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [31, 34])
 def test_stated_errors_hold_where_boards_filled_the_middle_alone(seed: int) -> None:
     """Lenses are less certain beyond the corners that fitted them than focal lengths are."""

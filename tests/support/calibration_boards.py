@@ -70,7 +70,7 @@ def mismatched(pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def poses(
-    target: Chessboard,
+    target: Chessboard | AprilGrid,
     views: int,
     rng: np.random.Generator,
     width_fraction: float = 0.5,
@@ -92,7 +92,7 @@ def poses(
 
 def projected_views(
     rig: StereoRig,
-    target: Chessboard,
+    target: Chessboard | AprilGrid,
     views: int,
     noise_px: float,
     rng: np.random.Generator,
