@@ -22,10 +22,10 @@ SURE, NOTICEABLE = 5.0, 0.002
 
 @dataclass(frozen=True, eq=False)
 class TargetShape:
-    """parameters: (5,) how much longer the target is across than down, the curvature across,
-    diagonal and down, all of half its extent, and how much larger its tags are; std: (5,) their
-    standard errors by views. fit: the bundle of this shape, to these observations. half_m: half of
-    its extent.
+    """parameters: (4,) how much longer the target is across than down, and the curvature across,
+    diagonal and down, all of half its extent; (5,) of an AprilGrid, whose last is how much larger
+    its tags are; std: their standard errors by views. fit: the bundle of this shape, to these
+    observations. half_m: half of its extent.
     """
 
     parameters: Array
@@ -40,9 +40,9 @@ class TargetShape:
         """What lengths are off by, relative, as it is not known which one of those that contradict
         each other is right: across or down; tags, spaces or both together.
         """
-        tags = self.parameters[4]
+        tags = 0.0
         if isinstance(self.target, AprilGrid):
-            tags = tags * self.target.tag_m / self.target.space_m
+            tags = self.parameters[4] * self.target.tag_m / self.target.space_m
         return float(np.hypot(self.parameters[0], tags)) / 2
 
     @property
@@ -57,7 +57,7 @@ class TargetShape:
         if sure[0]:
             longer, other = ("across", "down")[:: 1 if self.parameters[0] > 0 else -1]
             found.append(f"{abs(self.parameters[0]):.1%} longer {longer} than {other}")
-        if sure[4] and isinstance(self.target, AprilGrid):
+        if isinstance(self.target, AprilGrid) and sure[4]:
             tag_m, space_m = self.target.tag_m, self.target.space_m
             fitting_m = (tag_m + space_m) / (1 + self.parameters[4]) - tag_m
             found.append(
@@ -80,17 +80,18 @@ def target_shape(
             for one in observations
         ]
 
-    parameters, fit = np.zeros(5), bundle
+    count = 5 if isinstance(target, AprilGrid) else 4
+    parameters, fit = np.zeros(count), bundle
     for _ in range(ROUNDS):
         fit = solve(fit, shaped(parameters))
         at = residuals(fit, shaped(parameters))
         columns = []
-        for step in STEP * np.eye(5):
+        for step in STEP * np.eye(count):
             moved = shaped(parameters + step)
             columns.append((residuals(solve(fit, moved), moved) - at) / STEP)
-        jacobian = np.stack(columns, axis=-1)  # (n, 2, 5)
+        jacobian = np.stack(columns, axis=-1)  # (n, 2, count)
         parameters = (
-            parameters - np.linalg.lstsq(jacobian.reshape(-1, 5), at.ravel(), rcond=None)[0]
+            parameters - np.linalg.lstsq(jacobian.reshape(-1, count), at.ravel(), rcond=None)[0]
         )
     fitted = shaped(parameters)
     fit = solve(fit, fitted)
@@ -104,7 +105,7 @@ def target_shape(
     )
     without = [
         -np.linalg.lstsq(
-            jacobian[number != view].reshape(-1, 5), at[number != view].ravel(), rcond=None
+            jacobian[number != view].reshape(-1, count), at[number != view].ravel(), rcond=None
         )[0]
         for view in range(len(bundle.T_left_target))
     ]
@@ -114,12 +115,12 @@ def target_shape(
 def _deformed(
     points_m: Array, parameters: Array, middle: Array, half_m: float, target: Target
 ) -> Array:
-    stretch, across, diagonal, down, tags = parameters
+    stretch, across, diagonal, down = parameters[:4]
     if isinstance(target, AprilGrid):
         pitch_m = target.tag_m + target.space_m
         first = (points_m[:, :2] + target.space_m / 2) // pitch_m * pitch_m
         centers = np.column_stack([first + target.tag_m / 2, points_m[:, 2]])
-        points_m = centers + (points_m - centers) * (1 + tags)
+        points_m = centers + (points_m - centers) * (1 + parameters[4])
     u, v = ((points_m - middle) / half_m)[:, :2].T
     moved = np.column_stack(
         [
