@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.boards.bundle import Array, Bundle, Lens, rms, solve
+from calibration.boards.changes import Change, change_midway
+from calibration.boards.figures import RangePlaces
 from calibration.boards.lens import fit_rig, to_camera
-from calibration.boards.outlying_views import view_errors, without_outliers
+from calibration.boards.outlying_views import DISAGREE, view_errors, without_outliers
 from calibration.boards.report import CalibrationReport, LensScore, ViewReport
 from calibration.boards.shifted_pairs import refuse_out_of_step
 from calibration.boards.target_shape import TargetShape, target_shape
@@ -16,7 +18,7 @@ from calibration.boards.target_views import TargetView, common_ids, observations
 from calibration.boards.targets import Target
 from calibration.errors import CalibrationError
 from calibration.rectification import rectified_points
-from calibration.resampling import jackknife, no_worse
+from calibration.resampling import NEGLIGIBLE, jackknife, no_worse
 from calibration.rig import Medium, StereoRig
 from calibration.rig_errors import RigErrors
 
@@ -44,45 +46,61 @@ def calibrate(
     refuse_out_of_step(views, target)
     usable, dropped = usable_views(views)
     size = usable[0].image_size
-    shape = None
+    shape = change = None
     kept, outliers, fits = without_outliers(usable, target, LENSES[:2])
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
         fits += [fit_rig(kept, target, lens) for lens in LENSES[2:]]
     else:
         fits = fits[:1]
-    scores = [_cross_validate(fit, kept, target) for fit in fits]
+    fitted = observations_of(kept, target)
+    errors_px = np.array([rms(fit, fitted) for fit in fits])
+    simplest = int(np.argmax(errors_px <= (1 + NEGLIGIBLE / 2) * errors_px.min()))
+    places = RangePlaces.of(fits[simplest], size)
+    scores = [_cross_validate(fit, kept, target, places) for fit in fits]
     bundle, score = _choose(fits, scores)
     if len(kept) >= MIN_VIEWS_FOR_CHOICE:
         fits.append(
             solve(
                 replace(bundle, lens=replace(bundle.lens, square_pixels=False)),
-                observations_of(kept, target),
+                fitted,
             )
         )
-        scores.append(_cross_validate(fits[-1], kept, target))
+        scores.append(_cross_validate(fits[-1], kept, target, places))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
         widened = _with_choice_of_lens(score, scores)
         # views that give no rig give no shape either, and are refused below
         with suppress(np.linalg.LinAlgError):
-            shape = target_shape(bundle, observations_of(kept, target), target)
-            widened = _with_shape(widened, shape)
+            shape = target_shape(bundle, fitted, target)
+            widened = _with_shape(widened, shape, places)
+        with suppress(np.linalg.LinAlgError):
+            change = _change(usable, kept, outliers, bundle, shape, target)
+        if change:
+            widened, shape = _with_change(widened, change, places), None
         scores = [widened if other is score else other for other in scores]
         score = widened
     try:
         rig = _rig(bundle, size, medium)
-        rig = replace(rig, rms_px=rms(bundle, observations_of(kept, target)), errors=_errors(score))
+        rig = replace(rig, rms_px=rms(bundle, fitted), errors=_errors(score))
         _refuse_nonsense(rig, score)
     except CalibrationError as error:
         raise CalibrationError(
-            f"the {len(kept)} views give an impossible rig ({error}): check whether the "
-            "cameras moved or zoomed between pairs, and whether pairs were exposed at the same "
-            "moment, and tilt the target more"
+            f"the {len(kept)} views give an impossible rig ({error}): "
+            + (
+                change.text
+                if change
+                else "check whether the cameras moved or zoomed between pairs, and whether pairs "
+                "were exposed at the same moment, and tilt the target more"
+            )
         ) from error
     report = _report(bundle, rig, kept, target, scores, score)
-    return rig, replace(report, views=(*report.views, *dropped, *outliers), shape=shape)
+    return rig, replace(
+        report, views=(*report.views, *dropped, *outliers), shape=shape, change=change
+    )
 
 
-def _cross_validate(full: Bundle, views: list[TargetView], target: Target) -> LensScore:
+def _cross_validate(
+    full: Bundle, views: list[TargetView], target: Target, places: RangePlaces
+) -> LensScore:
     """Fit without every tenth view in turn, from ``full`` on, and predict the views left out, but
     for the target's pose.
     """
@@ -101,19 +119,9 @@ def _cross_validate(full: Bundle, views: list[TargetView], target: Target) -> Le
         posed = solve(start, observations_of(test, target), poses_only=True)
         squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
         rows.append(_row_errors(fitted, test))
-        fits.append(_figures(fitted))
+        fits.append(places.figures(fitted))
     return LensScore(
-        full.lens, squares, np.concatenate(rows), _figures(full), jackknife(np.array(fits))
-    )
-
-
-def _figures(bundle: Bundle) -> Array:
-    """(3,) focal length left and right (mean of fx and fy), pixels, and baseline, meters."""
-    return np.array(
-        [
-            *(lens[:2].mean() for lens in bundle.intrinsics),
-            np.linalg.norm(bundle.T_right_left[:3, 3]),
-        ]
+        full.lens, squares, np.concatenate(rows), places.figures(full), jackknife(np.array(fits))
     )
 
 
@@ -125,19 +133,41 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
         for other in scores
         if no_worse(other.squares, best.squares) and np.isfinite(other.row_error_px)
     ]
-    spread = np.max(
-        [np.abs(other.figures - score.figures) for other in alike] or [np.zeros(3)], axis=0
-    )
+    spread = np.max([np.abs(other.figures - score.figures) for other in [score, *alike]], axis=0)
     return replace(score, std=np.hypot(score.std, spread), spread=spread)
 
 
-def _with_shape(score: LensScore, shape: TargetShape) -> LensScore:
-    """``score``, its errors widened by what the target's shape changes: of a target longer one way
-    than the other it is not known which way is right.
-    """
-    change = np.abs(_figures(shape.fit) - score.figures)
-    change[2] = np.hypot(change[2], abs(shape.parameters[0]) / 2 * score.figures[2])
+def _with_shape(score: LensScore, shape: TargetShape, places: RangePlaces) -> LensScore:
+    """``score``, its errors widened by what the target's shape changes."""
+    change = np.abs(places.figures(shape.fit) - score.figures)
+    change[2:] = np.hypot(change[2:], shape.scale_error * score.figures[2:])
     return replace(score, std=np.hypot(score.std, change))
+
+
+def _change(
+    usable: list[TargetView],
+    kept: list[TargetView],
+    outliers: list[ViewReport],
+    bundle: Bundle,
+    shape: TargetShape | None,
+    target: Target,
+) -> Change | None:
+    """What changed midway, by the kept views and by those whose sides contradict the rig of most:
+    a camera that was moved may have put out all that follow.
+    """
+    moved = {view.name for view in outliers if str(view.reason).startswith(DISAGREE)}
+    views = [view for view in usable if view in kept or view.name in moved]
+    names = [view.name for view in views]
+    fitted = observations_of(views, target)
+    if not moved:
+        return change_midway(bundle, fitted, names, shape)
+    return change_midway(fit_rig(views, target, bundle.lens), fitted, names)
+
+
+def _with_change(score: LensScore, change: Change, places: RangePlaces) -> LensScore:
+    """``score``, its errors widened by how far the rigs before and after lie."""
+    apart = [np.abs(places.figures(fit) - score.figures) for fit in change.fits]
+    return replace(score, std=np.hypot(score.std, np.max(apart, axis=0)))
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
@@ -157,14 +187,11 @@ def _refuse_nonsense(rig: StereoRig, score: LensScore) -> None:
         )
 
 
-def _errors(score: LensScore) -> RigErrors | None:
-    relative = score.std / score.figures
-    known = np.isfinite(relative).all()
-    return (
-        RigErrors(float(relative[:2].max()), float(relative[2]), "stereo-seecolor calibrate")
-        if known
-        else None
-    )
+def _errors(score: LensScore) -> RigErrors:
+    focal, baseline = score.relative_std[:2].max(), score.relative_std[2]
+    # of a length in nine tenths of the image, where lenses are less certain than focal lengths
+    lens = np.sqrt(max(score.range_std**2 - baseline**2, 0.0))
+    return RigErrors(float(max(focal, lens)), float(baseline), "stereo-seecolor calibrate")
 
 
 def _row_errors(bundle: Bundle, views: list[TargetView]) -> Array:

@@ -28,7 +28,9 @@ class RangeError:
 
 @dataclass(frozen=True)
 class RigErrors:
-    """Standard errors, relative. focal: of the worse camera. baseline: of their distance."""
+    """Standard errors, relative. focal: of the worse camera, and of its lens where that is less
+    certain. baseline: of the cameras' distance. stated_by: the source, for messages.
+    """
 
     focal: float
     baseline: float

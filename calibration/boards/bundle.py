@@ -153,17 +153,17 @@ def solve(
         improved = False
         while not improved and damping < 1e12:
             try:
-                moved = _move(bundle, *_step(equations, damping, poses_only))
+                candidate = moved(bundle, *_step(equations, damping, poses_only))
             except np.linalg.LinAlgError:  # a pose that its corners do not determine
                 damping *= 10.0
                 continue
-            moved_error = _cost(moved, sides)
+            moved_error = _cost(candidate, sides)
             improved = moved_error < error
             damping *= 0.1 if improved else 10.0
         if not improved:
             break
         gain = (error - moved_error) / error
-        bundle, error = moved, moved_error
+        bundle, error = candidate, moved_error
         if gain < CONVERGED:
             break
     return bundle
@@ -194,6 +194,23 @@ def _normal_equations(bundle: Bundle, sides: Sequence[_SideCorners]) -> _Equatio
             W[view] += _product(J_shared[part], J_view[part])
             r_views[view] += _product(J_view[part], residual[part])
     return _Equations(U, V, W, r_shared, r_views)
+
+
+def equations_by_view(
+    bundle: Bundle, observations: Sequence[CornerObservation]
+) -> tuple[Array, Array]:
+    """J^T J (v, g, g) and J^T r (v, g) of what all views share, view by view, its pose
+    eliminated.
+    """
+    found = []
+    for view in range(len(bundle.T_left_target)):
+        own = [replace(one, view=0) for one in observations if one.view == view]
+        alone = replace(bundle, T_left_target=bundle.T_left_target[view : view + 1])
+        one = _normal_equations(alone, _by_side(own))
+        WV = one.W[0] @ np.linalg.inv(one.V[0])
+        found.append((one.U - WV @ one.W[0].T, one.r_shared - WV @ one.r_views[0]))
+    J2, Jr = zip(*found, strict=True)
+    return np.array(J2), np.array(Jr)
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -264,16 +281,19 @@ def _damped(H: Array, damping: float) -> Array:
     return H + added[..., None] * np.eye(H.shape[-1])
 
 
-def _move(bundle: Bundle, shared: Array, views: Array) -> Bundle:
-    moved = []
+def moved(bundle: Bundle, shared: Array, views: Array) -> Bundle:
+    """A bundle after a step of what all views share (g,), intrinsics left, right and rig, and of
+    each view (v, 6).
+    """
+    changed = []
     for intrinsics, first in zip(bundle.intrinsics, (0, bundle.intrinsics[0].size), strict=True):
         step = shared[first : first + intrinsics.size].copy()
         if bundle.lens.square_pixels:
             step[1] = step[0]
-        moved.append(intrinsics + step)
+        changed.append(intrinsics + step)
     return replace(
         bundle,
-        intrinsics=(moved[0], moved[1]),
+        intrinsics=(changed[0], changed[1]),
         T_right_left=_moved(bundle.T_right_left, shared[-6:]),
         T_left_target=np.array(
             [_moved(T, step) for T, step in zip(bundle.T_left_target, views, strict=True)]
@@ -282,10 +302,10 @@ def _move(bundle: Bundle, shared: Array, views: Array) -> Bundle:
 
 
 def _moved(T: Array, step: Array) -> Array:
-    moved = T.copy()
-    moved[:3, :3] = cv2.Rodrigues(step[:3])[0] @ T[:3, :3]
-    moved[:3, 3] += step[3:]
-    return moved
+    T = T.copy()
+    T[:3, :3] = cv2.Rodrigues(step[:3])[0] @ T[:3, :3]
+    T[:3, 3] += step[3:]
+    return T
 
 
 def _cost(bundle: Bundle, sides: Sequence[_SideCorners]) -> float:

@@ -15,6 +15,7 @@ OUTLIER_RATIO = 3.0  # times the median view's error: three sigma of good views
 OUTLIER_MIN_PX = 0.3
 # of the image's width, from a rig guessed by single views to 1 %: a board that has moved meanwhile
 WRONG_PAIR = 0.03
+DISAGREE = "left and right disagree"  # how the reason of a pair of another rig or moment begins
 WRONG_PAIR_RATIO = 5.0  # times the median, where the guess itself is poor
 
 
@@ -64,7 +65,7 @@ def _without_wrong_pairs(
     if not wrong.any() or wrong.sum() > len(views) - MIN_VIEWS:
         return list(views), [], guesses
     reason = (
-        "left and right disagree ({:.0f} px): not exposed at the same moment, paired wrongly, or a "
+        f"{DISAGREE} ({{:.0f}} px): not exposed at the same moment, paired wrongly, or a "
         "camera moved?"
     )
     dropped = [
@@ -100,6 +101,5 @@ def _blame(
             f"the corners do not fit a flat board in {' and '.join(bad)}: blurred, misread or bent"
         )
     return (
-        f"left and right disagree ({rms(bundle, own):.2f} px): exposed at different moments, or a "
-        "camera moved?"
+        f"{DISAGREE} ({rms(bundle, own):.2f} px): exposed at different moments, or a camera moved?"
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.boards.bundle import Lens
+from calibration.boards.changes import Change
 from calibration.boards.target_shape import TargetShape
 from calibration.rig import StereoRig
 from calibration.suspicions import placement_suspicions
@@ -23,6 +24,7 @@ MAX_ROW_ERROR_PX = (0.25, 0.5)
 MAX_RMS_PX = (0.35, 1.0)  # of reprojection
 MAX_FOCAL_STD = (0.005, 0.02)  # fraction of the focal length, and so of every range
 MAX_BASELINE_STD = (0.005, 0.02)  # the same of the baseline
+MAX_RANGE_STD = (0.005, 0.02)  # the same of ranges, which nine tenths of the image stay below
 MIN_COVERAGE = (0.6, 0.35)  # fraction of the cells of both images
 MIN_VIEWS = (10, 5)  # pairs
 
@@ -44,10 +46,10 @@ class LensScore:
     """The score of a lens model: how well it predicts views left out of its fit.
 
     squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row
-    after rectification, px, NaN where the lens model does not reach a corner. figures: (3,) focal
-    length left and right (the mean of fx and fy), pixels, and baseline, meters; std: (3,) their
-    standard errors; spread: (3,) the part of them that is the choice of the lens model, zero where
-    it is not known.
+    after rectification, px, NaN where the lens model does not reach a corner. figures: (3 + n,)
+    focal length left and right (the mean of fx and fy), pixels, baseline, meters, and reciprocal
+    ranges at n places of the image, 1 / m; std: (3 + n,) their standard errors; spread: (3 + n,)
+    the part of them that is the choice of the lens model, zero where it is not known.
     """
 
     lens: Lens
@@ -56,6 +58,17 @@ class LensScore:
     figures: Array
     std: Array
     spread: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def relative_std(self) -> Array:
+        """(3 + n,) standard errors as fractions; 1 where a fit gives no range, and at most."""
+        return np.minimum(np.abs(np.nan_to_num(self.std / self.figures, nan=1.0)), 1.0)
+
+    @property
+    def range_std(self) -> float:
+        """The standard error of ranges, relative, that nine tenths of the image stay below."""
+        places = np.sort(self.relative_std[3:])
+        return float(places[int(0.9 * len(places))]) if len(places) else 1.0
 
     @property
     def rms_px(self) -> float:
@@ -79,7 +92,7 @@ class CalibrationReport:
     rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in
     the rig.
     corners_left, corners_right: (n, 2) pixels of all corners used. shape: of the target, None of
-    too few views.
+    too few views or where the rig changed; change: from a photograph on, None where there is none.
     """
 
     rig: StereoRig
@@ -91,6 +104,7 @@ class CalibrationReport:
     corners_left: Array
     corners_right: Array
     shape: TargetShape | None = None
+    change: Change | None = None
 
     @property
     def used(self) -> tuple[ViewReport, ...]:
@@ -128,9 +142,10 @@ class CalibrationReport:
     @property
     def verdict(self) -> tuple[Verdict, str]:
         """good, usable or do it again; and why, in one line."""
-        focal_std, baseline_std = self.focal_std, float(self.lens.std[2]) / self.rig.baseline_m
+        lens, focal_std = self.lens, self.focal_std
+        baseline_std = float(lens.std[2]) / self.rig.baseline_m
         bad_target = self.shape.text if self.shape else None
-        rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
+        rms_px, rows_px = self.rig.rms_px or np.nan, lens.row_error_px
         figures = [
             (rows_px, MAX_ROW_ERROR_PX, f"vertical disparity {rows_px:.2f} px after rectification"),
             (rms_px, MAX_RMS_PX, f"rms {rms_px:.2f} px"),
@@ -147,6 +162,12 @@ class CalibrationReport:
                 + (bad_target or "take more views, nearer, with both cameras still"),
             ),
             (
+                lens.range_std,
+                MAX_RANGE_STD,
+                f"standard error of ranges {lens.range_std:.2%} or more in a tenth of the image: "
+                + (bad_target or "cover both images to their corners"),
+            ),
+            (
                 -min(self.coverage),
                 (-MIN_COVERAGE[0], -MIN_COVERAGE[1]),
                 f"corners in only {min(self.coverage):.0%} of the image",
@@ -154,6 +175,8 @@ class CalibrationReport:
             (-len(self.used), (-MIN_VIEWS[0], -MIN_VIEWS[1]), f"{len(self.used)} views alone"),
         ]
         again = [text for value, (_, usable), text in figures if not value <= usable]
+        if self.change:
+            again = [self.change.text, *again]
         if again:
             return "do it again", "; ".join(again)
         usable = [text for value, (good, _), text in figures if not value <= good]
@@ -191,13 +214,23 @@ class CalibrationReport:
             f"right {rig.right.K[0, 0]:.1f} +- {lens.std[1]:.1f} px",
             f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.std[2] * 1000:.2f} mm "
             f"({lens.spread[2] * 1000:.2f} mm between lens models that predict as well)",
+            f"ranges at the target's distance: +- {np.median(lens.relative_std[3:]):.2%}, "
+            f"+- {lens.range_std:.2%} or more in a tenth of the image",
             f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
             coverage
             + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
             *(f"suspicious: {text}" for text in placement_suspicions(rig)),
             *(
-                [f"suspicious: {self.shape.text}: measure it both ways, and glue it flat"]
+                [f"suspicious: {self.shape.text}: measure it, and glue it flat"]
                 if self.shape and self.shape.text
+                else []
+            ),
+            *(
+                [
+                    f"suspicious: {self.change.text}: calibrate with the photographs before and "
+                    "after apart"
+                ]
+                if self.change
                 else []
             ),
             f"{verdict}: {why}",

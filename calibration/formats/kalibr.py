@@ -84,8 +84,13 @@ def write(rig: StereoRig, path: Path) -> None:
     """Write a camchain.
 
     Raises CalibrationError for a camera that Kalibr has no model for (skew, k3, rational or thin
-    prism distortion).
+    prism distortion), and for a rig that reading refuses.
     """
+    if is_backward(rig.T_right_left):
+        raise CalibrationError(
+            "the right camera stands to the left of the left one, which in a Kalibr file means "
+            "that left and right are swapped: exchange the sides, or write another format"
+        )
     left = _camera_content(rig.left, "left") | {"cam_overlaps": [1], "rostopic": "/left/image_raw"}
     right = {"T_cn_cnm1": rig.T_right_left.tolist()} | _camera_content(rig.right, "right")
     content = {"cam0": left, "cam1": right | {"cam_overlaps": [0], "rostopic": "/right/image_raw"}}

@@ -52,6 +52,7 @@ def calibration_content(result: "CalibrationResult") -> Content:
         "rms_right_px": report.rms_right_px,
         "row_error_px": report.lens.row_error_px,
         "coverage": report.coverage,
+        "change": report.change.text if report.change else None,
         "views": report.views,
     }
 

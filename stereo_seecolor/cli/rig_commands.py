@@ -114,7 +114,7 @@ def calibrate(
     report: Report,
 ) -> None:
     """Calibrate a rig from image pairs of a chessboard, ChArUco board or AprilGrid
-    (docs/calibration.md).
+    (docs/calibration.md); exit code 3 if the rig changed between two of them.
     """
     from stereo_seecolor.commands import calibrate as commands
     from stereo_seecolor.dive.run_options import RunOptions
@@ -131,7 +131,8 @@ def calibrate(
         result = commands.calibrate(
             left, right, target, out, medium, RunOptions(workers, listener=listener)
         )
-    report.end(calibration_content(result), calibration_text(result))
+    code = EXIT_SOME_FAILED if result.report.change else EXIT_DONE
+    report.end(calibration_content(result), calibration_text(result), code)
 
 
 @command("A dive", f"check {SIDES}", f"check {SIDES} --refine refined.yaml")

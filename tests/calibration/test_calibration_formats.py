@@ -425,3 +425,6 @@ def test_writers_refuse_what_their_format_cannot_hold(tmp_path: Path) -> None:
         write_rig(StereoRig(five, five, T), tmp_path / "camchain.yaml", "kalibr")
     with pytest.raises(CalibrationError, match="two files: give"):
         write_rig(StereoRig(five, five, T), tmp_path / "one.yaml", "ros")
+    four = Camera(K, np.full(4, 0.01), (640, 480))
+    with pytest.raises(CalibrationError, match="left and right are swapped: exchange the sides"):
+        write_rig(StereoRig(four, four, np.linalg.inv(T)), tmp_path / "camchain.yaml", "kalibr")

@@ -70,7 +70,7 @@ def mismatched(pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def poses(
-    target: Chessboard,
+    target: Chessboard | AprilGrid,
     views: int,
     rng: np.random.Generator,
     width_fraction: float = 0.5,
@@ -91,13 +91,21 @@ def poses(
 
 
 def projected_views(
-    rig: StereoRig, target: Chessboard, views: int, noise_px: float, rng: np.random.Generator
+    rig: StereoRig,
+    target: Chessboard | AprilGrid,
+    views: int,
+    noise_px: float,
+    rng: np.random.Generator,
+    slope: float | None = None,
+    width_fraction: float = 0.5,
 ) -> list[TargetView]:
-    """Corners of views that both cameras see whole, with Gaussian noise."""
+    """Corners of views that both cameras see whole, with Gaussian noise. slope, width_fraction: of
+    the outermost boards; all over the image by default.
+    """
     found: list[TargetView] = []
-    slope = 0.9 if rig.left.model == "fisheye" else 0.45
+    slope = slope or (0.9 if rig.left.model == "fisheye" else 0.45)
     while len(found) < views:
-        (T,) = poses(target, 1, rng, slope=slope)
+        (T,) = poses(target, 1, rng, width_fraction, slope)
         corners = []
         for camera, extrinsic in ((rig.left, np.eye(4)), (rig.right, rig.T_right_left)):
             pixels = camera.project(
