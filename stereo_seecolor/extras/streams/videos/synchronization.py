@@ -220,14 +220,16 @@ def _refuse_lost_frames(
 
     def lags(parts: int) -> list[Lag | None]:
         """The lag of each part of the overlap: of halves any, of others near that of all."""
-        edges_s, found = np.linspace(begin_s, end_s, parts + 1), []
+        edges_s, found = np.linspace(begin_s, end_s, parts + 1), list[Lag | None]()
         for since_s, until_s in pairwise(edges_s):
             part = (own_s >= since_s) & (own_s <= until_s)
             of_part = (own_s[part], times_s), (first.motion[part], second.motion)
-            near = (whole.offset_s, whole.correlation) if whole and parts > 2 else None
-            found.append(
-                None if part.sum() < 2 else fine_lag(*of_part, near) if near else _lag(*of_part)
-            )
+            if part.sum() < 2:
+                found.append(None)
+            elif whole and parts > 2:
+                found.append(fine_lag(*of_part, whole.offset_s))
+            else:
+                found.append(_lag(*of_part))
         return found
 
     halves = lags(2)
