@@ -66,6 +66,8 @@ class DiagnosticsConstants:
 
 
 DIAGNOSTICS_CONSTANTS = DiagnosticsConstants()
+BIASED = "ranges are biased"
+"""End of the warning of a pair whose rows are off."""
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
@@ -190,7 +192,7 @@ def vertical_disparity_warning(vertical_px: float) -> str | None:
         return None
     return (
         f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration "
-        "no longer fits, ranges are biased"
+        f"no longer fits, {BIASED}"
     )
 
 

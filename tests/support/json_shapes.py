@@ -121,7 +121,7 @@ SHAPES: dict[str, Shape] = {
         "evidence": [{"kind": str, **keys(NUMBER, "offset_s std_s")}],
     },
     "live": {
-        **keys(int, "done failed dropped"),
+        **keys(int, "done failed biased dropped"),
         **keys(str, "last_error reduced waiting"),
         **keys(UNKNOWN, "latency_median_s latency_p95_s products_median_s products_p95_s"),
     },

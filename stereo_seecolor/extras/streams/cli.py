@@ -137,7 +137,7 @@ def live(
     report: LoggedReport,
 ) -> None:
     """Correct pairs as they arrive from folders, cameras, ROS 2 topics or a bag; the newest pair
-    comes first. Exit code 3 if pairs failed, or none came.
+    comes first. Exit code 3 if pairs failed, none came, or the calibration does not fit most.
     """
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions
@@ -188,7 +188,13 @@ def live(
     output += [found.reduced] if found.reduced else []
     output += [f"last failure: {found.last_error}"] if found.last_error else []
     output += [f"at the end it waited for {found.waiting}"] if found.waiting else []
-    is_good = not found.failed and (found.done or not found.waiting)
+    is_biased = 2 * found.biased > found.done
+    if is_biased:
+        output.append(
+            f"the ranges of {counted(found.biased, 'pair')} are biased: the calibration does not "
+            "fit: run check on some pairs"
+        )
+    is_good = not found.failed and not is_biased and (found.done or not found.waiting)
     report.end(vars(found), lines(*output), EXIT_DONE if is_good else EXIT_SOME_FAILED)
 
 

@@ -12,7 +12,7 @@ import time
 import tracemalloc
 import urllib.error
 import urllib.request
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event, Timer
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ import pytest
 from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, write_bag
 
 from calibration import CalibrationError
-from calibration.formats import load_rig
+from calibration.formats import load_rig, write_rig
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
@@ -210,6 +210,22 @@ def test_failed_pairs_count_as_pairs_and_exit_with_3(incoming, cli) -> None:
     code, printed, said = cli("live", *sides, "--pairs", 1)
     assert (code, printed.startswith("0 pairs corrected, 1 failed")) == (3, True)
     assert said.startswith("a pair failed: ")
+
+
+@pytest.mark.slow
+def test_a_calibration_that_does_not_fit_ends_with_3(incoming, cli, tmp_path) -> None:
+    dive, folder, arrive = incoming
+    rig = load_rig(dive.root / "cam.yaml")
+    turned = rig.T_right_left.copy()
+    turned[:3] = cv2.Rodrigues(np.array([0.008, 0, 0]))[0] @ turned[:3]
+    write_rig(replace(rig, T_right_left=turned), tmp_path / "turned.yaml")
+    arrive(0)
+    sides = ("--left", folder / "L", "--right", folder / "R", "--pairs", 1)
+    code, printed, said = cli("live", *sides, "--calib", tmp_path / "turned.yaml")
+    assert (code, "the ranges of 1 pair are biased: the calibration does" in printed) == (3, True)
+    assert "0000: vertical disparity of" in said
+    code, printed, _ = cli("live", *sides, "--calib", dive.root / "cam.yaml")
+    assert (code, "biased" in printed) == (0, False)
 
 
 @pytest.mark.slow

@@ -30,7 +30,8 @@ from stereo_seecolor.pipeline import Pipeline
 
 @dataclass(frozen=True)
 class LiveResult:
-    """Numbers of a live session. done, failed: pairs. dropped: left images skipped for newer ones.
+    """Numbers of a live session. done, failed: pairs. biased: of the done ones, those whose rows
+    are off, so that the calibration does not fit. dropped: left images skipped for newer ones.
     reduced: what was left out of the last pair to save time, "" for nothing. waiting: what was
     waited for at the end, "" for nothing.
 
@@ -40,6 +41,7 @@ class LiveResult:
 
     done: int
     failed: int
+    biased: int
     dropped: int
     last_error: str
     reduced: str

@@ -19,6 +19,7 @@ from stereo_seecolor.compute.background import WorkBehind
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.matching.diagnostics import BIASED
 from stereo_seecolor.records import StereoFrame
 from stereo_seecolor.run_folder.frame_table import kind_of
 
@@ -107,7 +108,8 @@ def first_size(source: LiveSource, tell: Callable[[str], None] = lambda _: None)
 class LiveCounts:
     """Counts and latencies of a live session.
 
-    done, failed: pairs. dropped: pairs skipped. waiting: what is waited for where no pair has come
+    done, failed: pairs. biased: of the done ones, those whose rows are off. dropped: pairs skipped.
+    waiting: what is waited for where no pair has come
     for some time, else "". images_s: seconds from
     the arrival of each of the last pairs to its corrected image; products_s: until all its outputs
     are written. reduced: a note where pairs are matched at reduced size, else "".
@@ -115,6 +117,7 @@ class LiveCounts:
 
     done: int = 0
     failed: int = 0
+    biased: int = 0
     dropped: int = 0
     waiting: str = ""
     last_error: str = ""
@@ -192,6 +195,7 @@ class LiveSession:
     def _corrected(self, frame: LiveFrame, arrived_s: float) -> None:
         self.counts.images_s.append(time.monotonic() - arrived_s)
         self.counts.done += 1
+        self.counts.biased += any(text.endswith(BIASED) for text in frame.result.warnings)
         for warning in frame.result.warnings:
             self._tell_first(f"{frame.pair.name}: {warning}")
         self.counts.reduced = frame.reduced
