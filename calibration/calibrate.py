@@ -120,9 +120,11 @@ def _cross_validate(
         squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
         rows.append(_row_errors(fitted, test))
         fits.append(places.figures(fitted))
-    return LensScore(
-        full.lens, squares, np.concatenate(rows), places.figures(full), jackknife(np.array(fits))
-    )
+    std = jackknife(np.array(fits))
+    # views that leave a pose open give no equations
+    with suppress(np.linalg.LinAlgError):
+        std = np.maximum(std, places.least_squares_std(full, observations_of(views, target)))
+    return LensScore(full.lens, squares, np.concatenate(rows), places.figures(full), std)
 
 
 def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore:

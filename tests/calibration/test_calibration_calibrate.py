@@ -124,6 +124,21 @@ def test_views_all_from_the_front_do_not_pass_for_good() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [1])
+def test_boards_parallel_to_the_image_do_not_pass_for_good(seed: int) -> None:
+    """They leave the focal length open: each fit stays where it began, some 50 % off."""
+    rng = np.random.default_rng(seed)
+    views = projected_views(pinhole_rig(), BOARD, 12, 0.1, rng, tilt=0.0)
+    try:
+        _, report = calibrate(views, BOARD)
+    except CalibrationError as error:
+        assert "tilt the target" in str(error)
+    else:
+        assert report.verdict[0] == "do it again"
+        assert "standard error of the focal length" in report.verdict[1]
+
+
+@pytest.mark.slow
 def test_few_views_in_one_corner_are_not_good() -> None:
     views = projected_views(pinhole_rig(), BOARD, 4, 0.1, np.random.default_rng(0))
     _, report = calibrate(views, BOARD)

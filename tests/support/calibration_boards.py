@@ -75,15 +75,16 @@ def poses(
     rng: np.random.Generator,
     width_fraction: float = 0.5,
     slope: float = 0.45,
+    tilt: float = 0.6,
 ) -> list[np.ndarray]:
-    """Boards before the rig, tilted up to 35 degrees, all over the image."""
+    """Boards before the rig, tilted up to 35 degrees (``tilt``, radians), all over the image."""
     middle = np.append(target.points_m.max(axis=0)[:2] / 2, 0)
     found = []
     while len(found) < views:
         distance = (
             target.points_m[:, 0].max() / (2 * slope) / width_fraction * rng.uniform(0.8, 1.5)
         )
-        T = _pose(rng.uniform(-0.6, 0.6, 3) * [1, 1, 0.5], [0, 0, 0])
+        T = _pose(rng.uniform(-tilt, tilt, 3) * [1, 1, 0.5], [0, 0, 0])
         center = np.append(rng.uniform(-slope, slope, 2) * [1, 0.7], 1.0) * distance
         T[:3, 3] = center - T[:3, :3] @ middle
         found.append(T)
@@ -98,14 +99,15 @@ def projected_views(
     rng: np.random.Generator,
     slope: float | None = None,
     width_fraction: float = 0.5,
+    tilt: float = 0.6,
 ) -> list[TargetView]:
-    """Corners of views that both cameras see whole, with Gaussian noise. slope, width_fraction: of
-    the outermost boards; all over the image by default.
+    """Corners of views that both cameras see whole, with Gaussian noise. slope, width_fraction,
+    tilt: of the outermost boards; all over the image by default.
     """
     found: list[TargetView] = []
     slope = slope or (0.9 if rig.left.model == "fisheye" else 0.45)
     while len(found) < views:
-        (T,) = poses(target, 1, rng, width_fraction, slope)
+        (T,) = poses(target, 1, rng, width_fraction, slope, tilt)
         corners = []
         for camera, extrinsic in ((rig.left, np.eye(4)), (rig.right, rig.T_right_left)):
             pixels = camera.project(

@@ -176,7 +176,8 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
     ]
     left_out = [f"not used: {name}, similar to a white card" for name in result.left_out]
     first = f"white point relative to green, from {counted(len(each), 'target')}: {shown}"
-    return [first, *each, *left_out, *_trend_lines(result), *_matrix_lines(result)]
+    doubts = [f"note: {doubt}" for doubt in result.doubts]
+    return [first, *each, *left_out, *doubts, *_trend_lines(result), *_matrix_lines(result)]
 
 
 def _trend_lines(result: "MeasuredWater") -> list[str]:

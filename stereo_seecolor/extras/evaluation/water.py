@@ -26,6 +26,7 @@ from stereo_seecolor.extras.evaluation.charts.chart_white import (
     SeenWhite,
     WhiteTrend,
     believed,
+    doubts_of,
     seen_whites,
     survey_white,
 )
@@ -84,6 +85,7 @@ class MeasuredWater:
     matrix: CameraMatrix | None = None
     no_matrix: str = ""
     left_out: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
@@ -125,9 +127,8 @@ def measure_white(
     """
     run = open_run(out)
     names = tuple(frame.name for frame in run.frames)
-    given = _spots(names, {"white": white, "sand": sand}) or (
-        read_targets(targets) if targets else None
-    )
+    spots = _spots(names, {"white": white, "sand": sand})
+    given = spots or (read_targets(targets) if targets else None)
     frames = SurveyFrames(run)
     _check_places(targets, given or {}, frames.geometry.image_size, names)
     scene = _one_water(run, list(names))
@@ -160,6 +161,7 @@ def measure_white(
         matrix=matrix if isinstance(matrix, CameraMatrix) else None,
         no_matrix="" if isinstance(matrix, CameraMatrix) else matrix,
         left_out=left_out,
+        doubts=tuple(line for one in kept for line in doubts_of(one, scene)) if spots else (),
     )
 
 

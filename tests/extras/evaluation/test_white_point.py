@@ -13,7 +13,7 @@ import pytest
 from conftest import Cli, Dive
 
 from stereo_seecolor.color.white_point import DOUBT, white_doubt, white_errors, with_white
-from stereo_seecolor.extras.evaluation.charts.chart_white import seen_whites
+from stereo_seecolor.extras.evaluation.charts.chart_white import doubts_of, seen_whites
 from stereo_seecolor.extras.evaluation.charts.targets import targets_of
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Water
@@ -92,6 +92,30 @@ def test_a_spot_of_known_color_gives_the_white(
     np.testing.assert_allclose(found.white, np.log(WHITE) - np.log(WHITE).mean(), atol=0.01)
     assert found.target == f"{kind} at pixel 60, 50"
     assert 0.02 < found.error < 0.04
+
+
+@pytest.mark.parametrize(
+    ("spot", "said"),
+    [
+        ((0.95, 0.95, 0.95), ""),
+        ((0.1, 0.1, 0.1), "of the frame is brighter, with the water removed"),
+        ((0.9, 0.45, 0.45), "its red is 2.0"),
+    ],
+    ids=["white", "dark", "red"],
+)
+def test_a_spot_that_its_frame_contradicts_is_doubted(
+    spot: tuple[float, float, float], said: str
+) -> None:
+    water = with_white(some_water(), WHITE, np.full(3, 0.1))
+    range_m = np.full((96, 128), 2.0, np.float32)
+    light = np.random.default_rng(1).uniform(0.05, 0.6, (96, 128, 3))
+    light[40:60, 50:70] = spot
+    seen = light * water.white * water.attenuation(np.array(2.0)) + water.backscatter(np.array(2.0))
+    image = np.round(seen * 65535).astype(np.uint16)
+    targets = targets_of([{"white": np.array([60.0, 50.0])}], image, range_m)
+    (found,) = seen_whites("0001", targets, image, range_m, water)
+    doubts = " ".join(doubts_of(found, water))
+    assert bool(doubts) == bool(said) and said in doubts
 
 
 @pytest.mark.slow

@@ -42,11 +42,16 @@ class WhiteSettings:
     """
     least_relief: float = 0.1
     """Least difference of the targets' ranges, fraction of their mean, for a trend with range."""
+    most_brighter: float = 0.5
+    """Fraction of a frame that may be brighter than white or sand: reefs reflect a fifth of what
+    white does, and more than that means shade or something else.
+    """
     likely: float = 3.0
     """Standard errors by which the white of a supposed card may differ from the fitted one."""
 
 
 SETTINGS = WhiteSettings()
+SPARSE = 4  # pixels between those by which a frame's brightness is judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +76,8 @@ class ChartPatch:
 @dataclass(frozen=True, eq=False)
 class SeenWhite:
     """The white of a target. range_m: median. white (3,): its color, as logarithms of mean 0.
-    error: standard error of each.
+    error: standard error of each. brighter: fraction of the frame that is brighter than a card or a
+    spot, with the water removed; NaN of a chart.
 
     patches: those of a chart, in the order of its type. type: of the chart. None for a card.
     """
@@ -83,6 +89,7 @@ class SeenWhite:
     error: float
     patches: tuple[ChartPatch, ...] = ()
     type: ChartType | None = None
+    brighter: float = float("nan")
 
 
 def seen_whites(
@@ -108,7 +115,22 @@ def seen_whites(
             error=float(np.hypot(scatter, target.error)),
             patches=patches if target.type else (),
             type=target.type,
+            brighter=float("nan")
+            if target.type
+            else _brighter(patches[0], light, image, range_m, water),
         )
+
+
+def _brighter(
+    patch: ChartPatch, decoded: NDArray[np.floating], image: Image, range_m: Map, water: Water
+) -> float:
+    """The fraction of a frame's pixels that are brighter than a patch, with the water removed."""
+    pixels, z_m = image[::SPARSE, ::SPARSE], range_m[::SPARSE, ::SPARSE]
+    known = np.isfinite(z_m)
+    light = np.stack([decoded[pixels[known][:, c]] for c in range(3)], axis=1)
+    z_m = z_m[known].astype(np.float64)
+    direct = (light - water.backscatter(z_m)) / water.attenuation(z_m)
+    return float(np.mean(direct.mean(axis=1) > patch.light.mean()))
 
 
 def _white_of_grays(
@@ -144,6 +166,23 @@ def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:
         for one in seen
         if (np.abs(one.white - fitted) <= SETTINGS.likely * np.hypot(error, one.error)).all()
     ]
+
+
+def doubts_of(one: SeenWhite, water: Water) -> list[str]:
+    """What in the frame contradicts a spot that a user gave as white or sand."""
+    doubts = []
+    if not believed([one], water):
+        fitted = np.log(water.white) - np.log(water.white).mean()
+        red, green, blue = np.exp(one.white - fitted)
+        doubts.append(
+            f"beside the white point of the dive its red is {red / green:.2f} and its blue "
+            f"{blue / green:.2f} of its green, beyond {SETTINGS.likely:g} standard errors of 1"
+        )
+    if one.brighter > SETTINGS.most_brighter:
+        doubts.append(f"{one.brighter:.0%} of the frame is brighter, with the water removed")
+    if not doubts:
+        return []
+    return [f"{one.frame}: {one.target}: {'; '.join(doubts)}: is this white or sand, out of shade?"]
 
 
 def _patch(
