@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, Literal
 
 import cv2
@@ -93,10 +93,25 @@ class Response:
         """``standard`` of another color space; light that sRGB cannot hold is 0 or full scale."""
         full = np.iinfo(image.dtype).max
         table = _light(self, 8 * image.dtype.itemsize).astype(np.float32)
-        light = np.stack([np.take(table[:, c], image[..., c]) for c in range(3)], axis=2)
+        if image.dtype == np.uint8:
+            light = cv2.LUT(image, table[None])
+        else:
+            light = np.stack([np.take(table[:, c], image[..., c]) for c in range(3)], axis=2)
         mixed = cv2.transform(light, to_srgb(self.space))
-        shown = np.rint(encode_srgb(np.clip(mixed, 0, 1)) * full).astype(image.dtype)
+        roots = cv2.sqrt(np.clip(mixed, 0, 1, out=mixed))
+        shown = np.take(_of_roots(full), (roots * ROOTS + 0.5).astype(np.uint16))
         return np.where(image == full, image, shown)
+
+
+ROOTS = 65535
+"""Steps of the root of light, whose sRGB value changes by at most 1.5 of 65535 in one."""
+
+
+@cache
+def _of_roots(full: int) -> NDArray[Any]:
+    """(ROOTS + 1,) sRGB value, 0 to full, of each root of light."""
+    values = np.rint(encode_srgb((np.arange(ROOTS + 1) / ROOTS) ** 2) * full)
+    return values.astype(np.uint8 if full == 255 else np.uint16)
 
 
 def _light(response: Response, bit_depth: int) -> NDArray[np.float64]:
