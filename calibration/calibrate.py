@@ -11,7 +11,7 @@ from calibration.boards.changes import Change, change_midway
 from calibration.boards.figures import RangePlaces
 from calibration.boards.lens import fit_rig, to_camera
 from calibration.boards.outlying_views import DISAGREE, view_errors, without_outliers
-from calibration.boards.report import CalibrationReport, LensScore, ViewReport
+from calibration.boards.report import MAX_FOCAL_STD, CalibrationReport, LensScore, ViewReport
 from calibration.boards.shifted_pairs import refuse_out_of_step
 from calibration.boards.target_shape import TargetShape, target_shape
 from calibration.boards.target_views import TargetView, common_ids, observations_of, usable_views
@@ -68,10 +68,12 @@ def calibrate(
         scores.append(_cross_validate(fits[-1], kept, target, places))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
         widened = _with_choice_of_lens(score, scores)
-        # views that give no rig give no shape either, and are refused below
-        with suppress(np.linalg.LinAlgError):
-            shape = target_shape(bundle, fitted, target)
-            widened = _with_shape(widened, shape, places)
+        # views that leave the focal length open leave the shape open, too; those that give no rig
+        # are refused below
+        if widened.relative_std[:2].max() <= MAX_FOCAL_STD[1]:
+            with suppress(np.linalg.LinAlgError):
+                shape = target_shape(bundle, fitted, target)
+                widened = _with_shape(widened, shape, places)
         with suppress(np.linalg.LinAlgError):
             change = _change(usable, kept, outliers, bundle, shape, target)
         if change:

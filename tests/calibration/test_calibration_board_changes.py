@@ -60,6 +60,7 @@ def change_of(views: list[TargetView]) -> str | None:
     return change.text if change else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("after", "target", "named"),
     [
@@ -68,9 +69,9 @@ def change_of(views: list[TargetView]) -> str | None:
         (zoomed(1.05, 1.05), BOARD, "the focal length of both cameras differs by +"),
         (turned(0.3), BOARD, "the cameras stand otherwise, one turned by 0."),
         (pinhole_rig(), LARGER, "the baseline differs by -"),
-        (turned(5.0), BOARD, "the views fit another rig"),
+        (replace(turned(1.0), left=zoomed(1.03, 1.0).left), BOARD, "the views fit another rig"),
     ],
-    ids=["left", "right", "both", "turned", "target", "much"],
+    ids=["left", "right", "both", "turned", "target", "two at once"],
 )
 def test_a_change_is_named_from_its_first_photograph_on(
     after: StereoRig, target: Chessboard, named: str
@@ -78,6 +79,7 @@ def test_a_change_is_named_from_its_first_photograph_on(
     assert str(change_of(views_of(after, target))).startswith(f"from view{BEFORE} on {named}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sagitta_m", [0.0, 0.001])
 def test_boards_from_near_to_far_or_bent_are_no_change(sagitta_m: float) -> None:
     bent = Chessboard(9, 6, 0.03)
