@@ -109,10 +109,9 @@ class LiveCounts:
     """Counts and latencies of a live session.
 
     done, failed: pairs. biased: of the done ones, those whose rows are off. dropped: pairs skipped.
-    waiting: what is waited for where no pair has come
-    for some time, else "". images_s: seconds from
-    the arrival of each of the last pairs to its corrected image; products_s: until all its outputs
-    are written. reduced: a note where pairs are matched at reduced size, else "".
+    waiting: what is waited for where no pair has come for some time, else "". images_s: seconds
+    from the arrival of each of the last pairs to its corrected image; products_s: until all its
+    outputs are written. reduced: a note where pairs are matched at reduced size, else "".
     """
 
     done: int = 0
@@ -143,8 +142,8 @@ class LiveSession:
     """A live session. source: of pairs. process: corrects a pair.
 
     finish: makes the outputs of a corrected pair, in a thread; its error ends the session. tell:
-    called with a line where no pair comes, and for the first pair with each kind of
-    error or warning.
+    called with a line where no pair comes, and for the first pair with each kind of error or
+    warning.
     """
 
     source: LiveSource
