@@ -109,14 +109,17 @@ def _plane(values: NDArray[Any], path: Path) -> NDArray[Any]:
         if all(np.array_equal(first, other, equal_nan=first.dtype.kind == "f") for other in others):
             return np.asarray(first)
     if values.ndim != 2:
-        channels = (
-            f"{values.shape[2]} channels" if values.ndim == 3 else f"{values.ndim} dimensions"
-        )
-        raise InputError(
-            f"{path}: has {channels}, but a range map has one: give the distance of each point "
-            "from the camera"
+        raise _not_one_channel(
+            path, f"{values.shape[2]} channels" if values.ndim == 3 else f"{values.ndim} dimensions"
         )
     return values
+
+
+def _not_one_channel(path: Path, what: str) -> InputError:
+    return InputError(
+        f"{path}: has {what}, but a range map has one: give the distance of each point from the "
+        "camera"
+    )
 
 
 def _range_array(arrays: Mapping[str, Any], path: Path) -> NDArray[Any]:
@@ -201,6 +204,8 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
                 file = memory.open(driver="GTiff")
             with file:
                 refuse_large(path, file.width, file.height, file.count)
+                if file.count > 4:
+                    raise _not_one_channel(path, f"{file.count} channels")
                 values: NDArray[Any] = np.moveaxis(file.read(), 0, -1)
                 unknown = file.nodata
     except RasterioError as error:
