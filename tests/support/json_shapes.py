@@ -251,7 +251,7 @@ SHAPES: dict[str, Shape] = {
     "water": {
         **keys(str, "out path no_matrix"),
         **keys((dict, None), "trend matrix"),
-        "left_out": [str],
+        **keys([str], "left_out doubts"),
         "water": dict,
         "charts": [
             {
