@@ -15,6 +15,7 @@ from stereo_seecolor.color.response.noise import BINS, NoiseCurve, dark_value
 from stereo_seecolor.records import Image
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 BLOCK_PX = 8
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
@@ -23,6 +24,8 @@ BANDS = ((8, 11), (6, 8), (5, 7))
 """Frequencies, sums of both directions', at which noise is measured: the highest with noise, where
 texture is weakest. Over 4 to 5 texture makes encoded images look linear.
 """
+MOST_BLOCKS = 20_000
+"""Blocks of an image at most, 5 MB, but for rounding: of larger ones some rows are left out."""
 LEAST_BLOCKS = 600
 """Least blocks of a bin,"""
 SMOOTHEST, LEAST_SMOOTHEST = 0.01, 24
@@ -46,12 +49,12 @@ def jpeg_noise_curve(images: Sequence[Image], steps: bytes) -> NoiseCurve | None
         steps: The 64 steps of luminance, in the order of the file (zigzag).
     """
     blocks = [_blocks(image) for image in images]
-    coefficients, means = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    coefficients, means = (np.concatenate([one[k] for one in blocks]) for k in (0, 1))
     if len(means) < LEAST_BLOCKS:
         return None
     step = np.zeros((BLOCK_PX, BLOCK_PX))
     step[_zigzag()] = np.frombuffer(steps, np.uint8)
-    darkest = float(min(dark_value((image @ LUMA).astype(np.uint8)) for image in images))
+    darkest = float(min(own for *_, own in blocks))
     for band in BANDS:
         rows = [row for row in _rows(coefficients, means, step, band) if row[2] > LEAST_LEFT]
         if len(rows) >= LEAST_BINS:
@@ -60,21 +63,27 @@ def jpeg_noise_curve(images: Sequence[Image], steps: bytes) -> NoiseCurve | None
     return None
 
 
-def _blocks(image: Image) -> tuple[Array, Array]:
-    """(N, 8, 8) cosine transforms of luminance and (N,) means, of blocks that are not clipped."""
-    blocks = in_blocks(image @ LUMA, BLOCK_PX).swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
+def _blocks(image: Image) -> tuple[Floats, Floats, int]:
+    """(N, 8, 8) cosine transforms of luminance and (N,) means, of blocks that are not clipped; and
+    the darkest value.
+    """
     values = in_blocks(image, BLOCK_PX)
-    most, least = (found.max(axis=(1, 3, 4)).ravel() for found in (values, 255 - values))
+    rows, columns = values.shape[::2][:2]
+    values = values[:: max(rows * columns // MOST_BLOCKS, 1)]
+    blocks = (values @ LUMA).swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
+    most, least = (of(values, axis=(1, 3, 4)).ravel() for of in (np.max, np.min))
     mean = blocks.mean(axis=(1, 2))
-    good = (most < BRIGHTEST) & (least < 255) & (mean > DARKEST)
+    good = (most < BRIGHTEST) & (least > 0) & (mean > DARKEST)
     k = np.arange(BLOCK_PX)
     cosines = np.cos(np.outer(k, 2 * k + 1) * np.pi / (2 * BLOCK_PX)) / 2
     cosines[0] /= np.sqrt(2)
-    return cosines @ blocks[good] @ cosines.T, mean[good].astype(np.float64)
+    cosines = cosines.astype(np.float32)
+    darkest = dark_value(blocks.astype(np.uint8)) if blocks.size else 0
+    return cosines @ blocks[good] @ cosines.T, mean[good], darkest
 
 
 def _rows(
-    coefficients: Array, means: Array, step: Array, band: tuple[int, int]
+    coefficients: Floats, means: Floats, step: Array, band: tuple[int, int]
 ) -> Iterator[tuple[float, float, float]]:
     """Mean, variance in a band, and fraction of coefficients left, of each bin of brightness."""
     frequency = np.add.outer(np.arange(BLOCK_PX), np.arange(BLOCK_PX))
@@ -94,7 +103,7 @@ def _rows(
         yield float(means[smooth].mean()), _variance(values, steps), left
 
 
-def _variance(values: Array, steps: Array) -> float:
+def _variance(values: Floats, steps: Array) -> float:
     """Of normal noise with (N, K) coefficients after quantization by (K,) steps."""
     expected = sum(step**2 * _after_quantization(SIGMAS / step) for step in steps)
     return float(np.interp((values**2).mean(axis=0).sum(), expected, SIGMAS) ** 2)
