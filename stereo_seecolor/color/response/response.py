@@ -83,7 +83,8 @@ class Response:
         if self.is_identity:
             return image
         if self.space != "srgb":
-            return self._converted(image)
+            strips = range(0, len(image), STRIP_ROWS)
+            return np.concatenate([self._converted(image[row:][:STRIP_ROWS]) for row in strips])
         table = _table(self, 8 * image.dtype.itemsize)
         if image.dtype == np.uint8:
             return np.asarray(cv2.LUT(image, table[None]), np.uint8)
@@ -103,6 +104,8 @@ class Response:
         return np.where(image == full, image, shown)
 
 
+STRIP_ROWS = 256
+"""Rows that are converted at once: they take 40 bytes a pixel."""
 ROOTS = 65535
 """Steps of the root of light, whose sRGB value changes by at most 1.5 of 65535 in one."""
 
