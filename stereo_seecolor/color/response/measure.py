@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stereo_seecolor.color.response.jpeg_noise import jpeg_noise_curve
 from stereo_seecolor.color.response.laws import DECODERS, LEAST_BINS, Law, fit_law, pedestal_law
@@ -146,9 +147,7 @@ def measure_jpeg(images: Sequence[Image], steps: bytes) -> MeasuredResponse:
     curve = jpeg_noise_curve(images, steps)
     if curve is None:
         return UNDECIDED
-    every = np.ones(len(curve.mean), np.bool_)
-    linear = fit_law(curve, every, "linear")
-    encoded = min(fit_law(curve, every, law) for law in ("srgb", "gamma"))
+    linear, encoded = _fitted(curve, np.ones(len(curve.mean), np.bool_))
     ratio = encoded.misfit / max(linear.misfit, 1e-3)
     flat = linear.zero < -FLAT and ratio < CONTRADICTED
     if encoded.misfit < JPEG_MISFIT and (ratio < 1 / CONTRADICTED or flat):
@@ -194,8 +193,13 @@ def _laws(curve: NoiseCurve) -> tuple[Law, Law] | None:
     above = curve.variance > max(1.3 * curve.quantization, 1e-4)
     if above.sum() < LEAST_BINS or curve.whiteness > MOST_WHITENESS:
         return None
-    linear = fit_law(curve, above, "linear")
-    return linear, min(fit_law(curve, above, encoded) for encoded in ("srgb", "gamma"))
+    return _fitted(curve, above)
+
+
+def _fitted(curve: NoiseCurve, bins: NDArray[np.bool_]) -> tuple[Law, Law]:
+    """The law of linear images and the best of encoded ones, in some bins."""
+    linear = fit_law(curve, bins, "linear")
+    return linear, min(fit_law(curve, bins, encoded) for encoded in ("srgb", "gamma"))
 
 
 def _of_frames(

@@ -85,20 +85,13 @@ class Response:
         if self.space != "srgb":
             strips = range(0, len(image), STRIP_ROWS)
             return np.concatenate([self._converted(image[row:][:STRIP_ROWS]) for row in strips])
-        table = _table(self, 8 * image.dtype.itemsize)
-        if image.dtype == np.uint8:
-            return np.asarray(cv2.LUT(image, table[None]), np.uint8)
-        return np.stack([np.take(table[:, c], image[..., c]) for c in range(3)], axis=2)
+        return _looked_up(_table(self, 8 * image.dtype.itemsize), image)
 
     def _converted(self, image: Image) -> Image:
         """``standard`` of another color space; light that sRGB cannot hold is 0 or full scale."""
         full = np.iinfo(image.dtype).max
         table = _light(self, 8 * image.dtype.itemsize).astype(np.float32)
-        if image.dtype == np.uint8:
-            light = cv2.LUT(image, table[None])
-        else:
-            light = np.stack([np.take(table[:, c], image[..., c]) for c in range(3)], axis=2)
-        mixed = cv2.transform(light, to_srgb(self.space))
+        mixed = cv2.transform(_looked_up(table, image), to_srgb(self.space))
         roots = cv2.sqrt(np.clip(mixed, 0, 1, out=mixed))
         shown = np.take(_of_roots(full), (roots * ROOTS + 0.5).astype(np.uint16))
         return np.where(image == full, image, shown)
@@ -115,6 +108,13 @@ def _of_roots(full: int) -> NDArray[Any]:
     """(ROOTS + 1,) sRGB value, 0 to full, of each root of light."""
     values = np.rint(encode_srgb((np.arange(ROOTS + 1) / ROOTS) ** 2) * full)
     return values.astype(np.uint8 if full == 255 else np.uint16)
+
+
+def _looked_up(table: NDArray[Any], image: Image) -> NDArray[Any]:
+    """(H, W, 3) what a table (V, 3) holds for each value of each channel."""
+    if image.dtype == np.uint8:
+        return np.asarray(cv2.LUT(image, table[None]), table.dtype)
+    return np.stack([np.take(table[:, c], image[..., c]) for c in range(3)], axis=2)
 
 
 def _light(response: Response, bit_depth: int) -> NDArray[np.float64]:
