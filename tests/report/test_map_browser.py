@@ -421,11 +421,16 @@ def spot_at(page: Page, place: tuple[float, float]) -> np.ndarray:
 
 def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page) -> None:
     on_map.get_by_role("button", name="Terrain", exact=True).click()
+    on_map.locator(".map-bar").wait_for()
     at_rest(on_map)
-    # at once: the bar is drawn anew with the map
-    text, width = on_map.locator(".map-bar").evaluate(
-        "bar => [bar.innerText, bar.getBoundingClientRect().width]"
+    # in one step of the page: the bar is made anew with each drawing, and one that is gone is 0 wide
+    text, width = on_map.evaluate(
+        """() => {
+            const bar = document.querySelector(".map-bar");
+            return [bar.innerText, bar.getBoundingClientRect().width];
+        }"""
     )
+    assert width > 0
     value, unit = text.split()
     length_m = float(value) / (100 if unit == "cm" else 1)
     found, places = on_map.locator(".found h2"), [""]
