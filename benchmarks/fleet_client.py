@@ -26,7 +26,7 @@ import numpy as np
 
 from stereo_seecolor.color.photometry.light_of_frames import MEAN, PART, Differences
 from stereo_seecolor.color.photometry.observations import Observations
-from stereo_seecolor.color.photometry.survey import CountedFrames
+from stereo_seecolor.color.sharing.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.commands import run as commands
 from stereo_seecolor.commands import run_session

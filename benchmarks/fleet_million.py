@@ -19,7 +19,7 @@ import numpy as np
 import psutil
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.survey import CountedFrames
+from stereo_seecolor.color.sharing.survey import CountedFrames
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.dive.dive_run import Outcome

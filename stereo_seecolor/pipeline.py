@@ -17,11 +17,11 @@ from calibration import Rectification, StereoRig
 from calibration.formats import load_rig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.color.render.carried_colors import inside_right_image
 from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.color.response.measure import measure_response
 from stereo_seecolor.color.response.response import Response, standard_config
+from stereo_seecolor.color.sharing.survey import SlidingFitter
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.white_point import DOUBT
 from stereo_seecolor.compute.threads import Clock

@@ -7,7 +7,7 @@ The difference of the costs is the logarithm of the odds of the two orders.
 from collections.abc import Mapping
 from dataclasses import replace
 
-from stereo_seecolor.color.photometry.survey import usual_exposure
+from stereo_seecolor.color.sharing.survey import usual_exposure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 

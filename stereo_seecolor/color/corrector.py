@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.response_doubt import with_doubt_of_response
 from stereo_seecolor.color.photometry.light_model import Light, lit_by, settings_under
-from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.carried import carry_ranges
 from stereo_seecolor.color.render.carried_colors import within_measured
 from stereo_seecolor.color.render.display import Tone
 from stereo_seecolor.color.render.tone import choose
+from stereo_seecolor.color.sharing.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.table.black_rim import without_rim
 from stereo_seecolor.color.table.counting import check_pair, measure
 from stereo_seecolor.color.table.doubts import doubts
@@ -162,7 +162,7 @@ class Corrector:
 
         if config.lock == "frame":
             return FrameFitter(fit, linked)
-        from stereo_seecolor.color.photometry.segments import AutoFitter  # loads numba
+        from stereo_seecolor.color.sharing.segments import AutoFitter  # loads numba
 
         if config.lock == "auto":
             return AutoFitter(config, fit, linked)

@@ -23,7 +23,7 @@ from stereo_seecolor.checks.odd_pairs import odd_among
 from stereo_seecolor.checks.sample import evenly_spaced
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
-from stereo_seecolor.color.photometry.survey import CountedFrames, add_to
+from stereo_seecolor.color.sharing.survey import CountedFrames, add_to
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.sources import ROOT, sources_digest

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.checks.channel_order import channel_order, order_of_sides
 from stereo_seecolor.checks.exchanged_channels import exchanged_channels_notes
 from stereo_seecolor.checks.sample import DiveImages
-from stereo_seecolor.color.photometry.survey import CountedFrames
+from stereo_seecolor.color.sharing.survey import CountedFrames
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.config import ColorConfig, InputConfig, RunConfig
 from stereo_seecolor.files.srgb import encode_srgb

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.exposure import Brightness, shorten_exposure
 from stereo_seecolor.color.render import water_gains
+from stereo_seecolor.color.sharing.exposure import Brightness, shorten_exposure
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig, PaperConfig

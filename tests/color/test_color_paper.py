@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import paper
-from stereo_seecolor.color.photometry.exposure import exposed
 from stereo_seecolor.color.render import torch_apply
+from stereo_seecolor.color.sharing.exposure import exposed
 from stereo_seecolor.color.table.counting import measure
 from stereo_seecolor.color.table.encoding import decoded_bins
 from stereo_seecolor.color.table.range_bins import range_edges_m

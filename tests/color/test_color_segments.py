@@ -15,8 +15,8 @@ from test_color_robust import reef as reef_colors
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting.jackknife import with_errors_of_blocks
-from stereo_seecolor.color.photometry import segments
-from stereo_seecolor.color.photometry.survey import CountedFrames
+from stereo_seecolor.color.sharing import segments
+from stereo_seecolor.color.sharing.survey import CountedFrames
 from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.config import ColorConfig
 

@@ -423,7 +423,7 @@ def test_a_map_has_a_bar_of_length_and_no_north_where_none_is_known(on_map: Page
     on_map.get_by_role("button", name="Terrain", exact=True).click()
     on_map.locator(".map-bar").wait_for()
     at_rest(on_map)
-    # in one step of the page: the bar is made anew with each drawing, and one that is gone is 0 wide
+    # in one step: the bar is made anew with each drawing, and one that is gone is 0 wide
     text, width = on_map.evaluate(
         """() => {
             const bar = document.querySelector(".map-bar");

@@ -1,1 +1,1 @@
-"""Light, exposure, and patches of the reef that several frames show."""
+"""The light of a dive, from patches of the reef that several frames show."""

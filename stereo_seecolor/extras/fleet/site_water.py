@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration import CalibrationError
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.survey import Fitter
+from stereo_seecolor.color.sharing.survey import Fitter
 from stereo_seecolor.commands.run_session import stereo_run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig

@@ -25,7 +25,7 @@ from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, w
 
 from calibration import CalibrationError
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.color.sharing.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
 from stereo_seecolor.extras.streams.bags.dive import open_dive

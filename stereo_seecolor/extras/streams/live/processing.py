@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.color.sharing.survey import SlidingFitter
 from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline, Stream, correct, ranges_for_color

@@ -10,8 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from stereo_seecolor.color.photometry.exposure import Brightness, exposed, shorten_exposure
 from stereo_seecolor.color.render.tone import choose
+from stereo_seecolor.color.sharing.exposure import Brightness, exposed, shorten_exposure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName, Names
 from stereo_seecolor.compute.packed import Packed

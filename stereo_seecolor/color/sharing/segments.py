@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.jackknife import MOST, with_errors_of_blocks
 from stereo_seecolor.color.fitting.robust import ENOUGH, quality
-from stereo_seecolor.color.photometry.survey import (
+from stereo_seecolor.color.sharing.survey import (
     BLACK,
     CountedFrames,
     FitTable,

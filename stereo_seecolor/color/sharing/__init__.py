@@ -1,0 +1,1 @@
+"""Which frames share a water: each has its own, the last few, a segment, or all of a dive."""
