@@ -210,8 +210,8 @@ class Correction:
     Attributes:
         image: (H, W, 3) RGB, the colors J of the paper at the bit depth of the input.
         unknown: (H, W) bool, True where no range was known.
-        unrecoverable: (H, W) bool, True where noise limits the gain of a channel, or the camera
-            clipped a channel.
+        unrecoverable: (H, W) bool, True where noise or the error of the backscatter limits the gain
+            of a channel, or the camera clipped a channel.
         clipped_fraction: Fraction of the pixels with a known range that have a channel at full
             scale.
         water: The water that was removed.

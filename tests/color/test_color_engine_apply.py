@@ -41,8 +41,8 @@ def some_water(encoding="srgb", seed=0):
 
 
 def noise_of(fraction):
-    """A camera of that noise."""
-    return mock.patch.object(water_gains, "INPUT_NOISE", fraction)
+    """A camera of that noise, and a backscatter of no more error."""
+    return mock.patch.multiple(water_gains, INPUT_NOISE=fraction, BACKSCATTER_ERROR=fraction)
 
 
 def random_frame(seed, depth=8, shape=(40, 60)):
@@ -90,15 +90,15 @@ MATRIX = np.array([[1.4, -0.3, -0.1], [-0.2, 1.5, -0.3], [0.05, -0.45, 1.4]])
 
 
 @pytest.mark.parametrize("depth", [8, 16])
-def test_a_color_matrix_mixes_the_corrected_light(depth, monkeypatch):
+def test_a_color_matrix_mixes_the_corrected_light(depth):
     image, range_m = random_frame(4, depth)
     full, water = 2**depth - 1, some_water()
     corrector = Corrector(ColorConfig(unknown_pixels="black"))
-    monkeypatch.setattr(water_gains, "INPUT_NOISE", 1e-9)
-    plain = corrector.apply_linear(image, range_m, water, exposure=0.7)
-    mixed = corrector.apply_linear(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
+    with noise_of(1e-9):
+        plain = corrector.apply_linear(image, range_m, water, exposure=0.7)
+        mixed = corrector.apply_linear(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
+        found = corrector.apply(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
     np.testing.assert_allclose(mixed, plain @ MATRIX.T, rtol=1e-4, atol=1e-5)
-    found = corrector.apply(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
     unclipped = ~found.unknown & (image < 0.95 * full).all(axis=2)
     off = np.abs(found.image - full * encode(np.clip(mixed, 0, 1).astype(np.float64), "srgb"))[
         unclipped
@@ -206,6 +206,25 @@ def test_gain_stops_where_noise_would_pass_the_stated_level_and_says_where(monke
     monkeypatch.setattr(water_gains, "OUTPUT_NOISE", 1e9)
     free = Corrector().apply(image, range_m, water, exposure=1.0)
     assert not free.unrecoverable.any()
+
+
+def test_gain_stops_where_an_error_of_the_backscatter_would_pass_the_stated_level(monkeypatch):
+    monkeypatch.setattr(water_gains, "INPUT_NOISE", 1e-9)
+    range_m = np.tile(np.linspace(0.5, 12, 400, dtype=np.float32), (4, 1))
+    gamma_inf, fade = np.array([0.1, 0.2, 0.3]), np.full(3, 0.4)
+    water = replace(clear_water("srgb"), gamma_inf=gamma_inf, beta=fade, w=fade)
+    seen = water.backscatter(range_m) * [1.04, 0.96, 1.02]  # of black rock; within the error
+    image = np.rint(65535 * encode(seen, "srgb")).astype(np.uint16)
+    found = Corrector().apply(image, range_m, water, exposure=1.0)
+    begins = found.unrecoverable[0].argmax()
+    veil = gamma_inf.max() * (1 - np.exp(-0.4 * range_m[0, begins]))
+    error = water_gains.BACKSCATTER_ERROR * veil * np.exp(0.4 * range_m[0, begins])
+    assert error == pytest.approx(water_gains.OUTPUT_NOISE, rel=0.02)
+    light = decode(found.image / 65535, "srgb")
+    assert light.max() < 2 * water_gains.OUTPUT_NOISE
+    monkeypatch.setattr(water_gains, "BACKSCATTER_ERROR", 1e-9)
+    believed = decode(Corrector().apply(image, range_m, water, exposure=1.0).image / 65535, "srgb")
+    assert believed[0, -1].max() > 5 * light[0, -1].max()
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""Gain and offset that remove the water, by channel and range; noise limits the gain."""
+"""Gain and offset that remove the water, by channel and range; noise of the camera and the error of
+the backscatter limit the gain.
+"""
 
 from functools import cache
 from typing import NamedTuple
@@ -18,8 +20,13 @@ INPUT_NOISE = 0.006
 """Standard deviation of the noise of a pixel, fraction of full scale: 1.5 of 255; for linear images
 as if they were encoded in sRGB.
 """
+BACKSCATTER_ERROR = 0.05
+"""Standard error of the backscatter, relative: it is the same in all directions only in the model.
+In eight frames of FLSea (real), open water varies over a picture by 6 to 13 %, its color by 2 to
+6 %.
+"""
 OUTPUT_NOISE = 0.06
-"""Largest noise of a channel, fraction of full scale in linear light, which limits its gain: a
+"""Largest error of a channel, fraction of full scale in linear light, which limits its gain: a
 third of mid-gray, the limit of detection.
 """
 FINE = 4
@@ -31,11 +38,11 @@ class Gains(NamedTuple):
     """J = gain I - offset, for each channel and fine range bin.
 
     gain, offset: (3, 1024) float32, offset as a fraction of full scale. capped: (1025,) bool, True
-    where noise limits a gain; the last bin is for unknown range: False. missing: (3, 1024) float32,
+    where a gain is limited; the last bin is for unknown range: False. missing: (3, 1024) float32,
     fraction of the light of a channel that its limit removes, relative to the channel with the
-    least limit. noise: (1024,) float32, of the light of a black surface, root mean square of the
-    channels, above the noise from exposure alone. matrix: (3, 3) float32, mixes the channels of J;
-    without rows if they are not mixed.
+    least limit. noise: (1024,) float32, error of the light of a black surface, root mean square of
+    the channels, above the noise from exposure alone. matrix: (3, 3) float32, mixes the channels of
+    J; without rows if they are not mixed.
     """
 
     gain: NDArray[np.float32]
@@ -57,14 +64,14 @@ def fine_ranges_m() -> NDArray[np.float64]:
 def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     """Compute the gains that remove this water and show the scene at this exposure.
 
-    A channel that noise limits more than another is weighted by the square of the ratio of their
+    A channel that is limited more than another is weighted by the square of the ratio of their
     limits, as in Wiener's filter. A color matrix multiplies a channel's noise by at most the
     largest entry of its column.
     """
     wanted, subtracted = unit_exposure_gains(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
-    noise = _noise(wanted, subtracted, config, MID_GRAY / exposure)
-    most = OUTPUT_NOISE / exposure / amplified / noise
+    error = _error(wanted, subtracted, config, MID_GRAY / exposure)
+    most = OUTPUT_NOISE / exposure / amplified / error
     allowed = np.minimum(1.0, most / wanted)
     best = allowed.max(axis=0)
     trust = (allowed / best) ** 2
@@ -73,7 +80,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
         part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust)
     )
     matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
-    black = np.square(_noise(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
+    black = np.square(_error(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
     without_water = np.square(INPUT_NOISE * decoding_slope(np.zeros(1), config.encoding) * exposure)
     noise = np.sqrt(np.maximum(black - without_water, 0.0)).astype(np.float32)
     return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
@@ -89,9 +96,12 @@ def unit_exposure_gains(
     return gain, gain * water.backscatter(range_m).T
 
 
-def _noise(
+def _error(
     gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float
 ) -> NDArray[np.float64]:
-    """(3, N) noise in linear light, before gains, of a surface of corrected light ``surface``."""
+    """(3, N) standard error in linear light, before gains, of a surface of corrected light
+    ``surface``: noise of the pixel, and error of the backscatter.
+    """
     light = (offset + surface) / gain
-    return np.asarray(INPUT_NOISE * decoding_slope(np.minimum(light, 1.0), config.encoding))
+    noise = INPUT_NOISE * decoding_slope(np.minimum(light, 1.0), config.encoding)
+    return np.hypot(noise, BACKSCATTER_ERROR * offset / gain)
