@@ -1,6 +1,5 @@
 """Keys of file names, under which the left and the right file of a pair meet."""
 
-import os
 import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -65,9 +64,7 @@ def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Key
     ``aft_2026_0001``): a date is shared by all files of an hour, and not by those of the next.
     """
     prefixes = [_common_prefix([path.stem for path in paths]) for paths in (lefts, rights)]
-    shared = os.path.commonprefix([prefix[::-1] for prefix in prefixes])[::-1]
-    if {shared} != set(prefixes):  # begins within a word, or with a separator
-        shared = re.sub(r"^[^\W_]+", "", shared)
+    shared = prefixes[0] if prefixes[0] == prefixes[1] else _shared_end(*prefixes)
     own_left, own_right = (len(prefix) - len(shared) for prefix in prefixes)
     return _within_affixes(lefts, own_left), _within_affixes(rights, own_right)
 
@@ -179,11 +176,17 @@ def without_side(stem: str, side: str) -> str:
 
 
 def _within_affixes(paths: Sequence[Path], own: int) -> Keys:
-    """The files by their stems without so many first letters, and without the end that all share."""
+    """The files by their stems without so many first letters, and the end that all share."""
     suffix = _common_prefix([path.stem[own:][::-1] for path in paths])
     return _grouped(
         paths, lambda stem: stem[own : len(stem) - len(suffix)].strip(_SEPARATORS) or stem
     )
+
+
+def _shared_end(first: str, second: str) -> str:
+    """What two texts end with, from a separator on."""
+    ends = (first[i:] for i, letter in enumerate(first) if letter in _SEPARATORS)
+    return next(filter(second.endswith, ends), "")
 
 
 def _common_prefix(texts: Sequence[str]) -> str:
