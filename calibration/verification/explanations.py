@@ -78,6 +78,13 @@ class Causes:
         fits = self.best is not None and self.best.misfit <= ENOUGH * self.numbers
         return fits and not self.parts
 
+    @property
+    def rig_of_one(self) -> StereoRig | None:
+        """The rig that one cause makes which explains all. Several, each of any amount, can imitate
+        a mistake with the file, which has no amount to choose.
+        """
+        return self.rig if self.explains and self.best and len(self.best.causes) == 1 else None
+
     def in_parts(self, before: "Causes", after: "Causes") -> "Causes":
         """Add what explains the beginning and the end of the dive, if each has its own causes."""
         if not (before.best and after.best and before.explains and after.explains):

@@ -24,7 +24,7 @@ from stereo_seecolor.checks.change_texts import (
     odd_line,
     step_line,
 )
-from stereo_seecolor.checks.neighbors import constant_shift
+from stereo_seecolor.checks.neighbors import constant_shift, neighbor_that_fits
 from stereo_seecolor.checks.sample import edge, evenly_spaced, matching_threads, read_both, readable
 from stereo_seecolor.checks.turned import turned_pairs
 from stereo_seecolor.config import InputConfig
@@ -39,6 +39,8 @@ AFTER = (0, 1, 2, 4, 8)
 frames of a video move little."""
 COUPLES = 3
 """Pairs before a change that are tried."""
+LEAST_SLIP = 5
+"""Of the last pairs so many are looked at, at least, for sides that are out of step there."""
 
 
 LEFT_OUT = "does not fit the rig of the other pairs, and is left out (see the note)"
@@ -143,6 +145,8 @@ def _find_change(
         return DiveChange(drift_line(pairs, changes), is_rigid=False)
     if changes.kind == "each":
         shift = constant_shift(pairs, rectification, images)
+        if not shift and (slip := _slip(rectification, pairs, images)):
+            return slip
         line = shift or each_line(pairs, changes)
         return DiveChange(line, is_rigid=False, out_of_step=bool(shift))
     if changes.kind == "odd":
@@ -164,6 +168,29 @@ def _find_change(
         odd = {pairs[i].name for first, last in parts for i in range(first, last + 1)}
         return DiveChange("; ".join(lines), frozenset(odd))
     return DiveChange()
+
+
+def _slip(
+    rectification: Rectification, pairs: Sequence[Pair], images: InputConfig
+) -> DiveChange | None:
+    """The pairs from a place on in which the sides are out of step, as after an image that one side
+    lost; None where the last ones are not so.
+    """
+    last = pairs[-max(len(pairs) // 3, LEAST_SLIP) :]
+    if not (shift := constant_shift(last, rectification, images)):
+        return None
+
+    def shift_at(place: int) -> int:
+        with suppress(InputError, CalibrationError):
+            other = neighbor_that_fits(pairs[place], pairs, rectification, images)
+            return pairs.index(other) - place if other else 0
+        return 0
+
+    first = edge(0, len(pairs) - (len(last) + 1) // 2, lambda place: shift_at(place) != 0)
+    # the first left images whose right ones are lost fit none
+    slipped = pairs[first + min(shift_at(first), 0) :]
+    line = f"from {slipped[0].name} to {slipped[-1].name}: {shift}"
+    return DiveChange(line, frozenset(pair.name for pair in slipped))
 
 
 def _odd_parts(

@@ -226,7 +226,7 @@ def judge_rig(
     mistake: FoundMistake | None = None
     refusal = rows.refusal if rows else ""
     if not refusal and (rows is None or may_be_wrong(rows)):
-        rival = rows.causes.rig if rows and rows.causes.explains else None
+        rival = rows.causes.rig_of_one if rows else None
         few = first_images(evenly_spaced(pairs, DECIDING_PAIRS), images)
         mistake = likely_mistake(rig, few, rival)
         refusal = (

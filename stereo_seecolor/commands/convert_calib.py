@@ -63,8 +63,8 @@ def convert_calib(
     if rig.alternatives:
         notes.append(
             f"{rig.reading}: used, but the file can be read in {len(rig.alternatives) + 1} ways: "
-            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' "
-            "lets images of the dive decide"
+            "images of the dive decide, by 'stereo-seecolor check --left ... --right ... --calib "
+            f"{source} --refine refined.yaml'; then convert refined.yaml"
         )
     return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))
 

@@ -46,8 +46,8 @@ def pairing_problems(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[st
         problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
     if sides.others:
         problems.append(
-            f"{counted(len(sides.others), 'folder')} with the same names are left out, the "
-            f"first: {sides.others[0]}: each pair of folders is a separate run; "
+            f"left out: {counted(len(sides.others), 'more folder')} of images, the first: "
+            f"{sides.others[0]}: each pair of folders is a separate run; "
             f"stereo-seecolor campaign runs them one after the other{_together(sides)}"
         )
     return tuple(problems)

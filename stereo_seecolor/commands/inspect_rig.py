@@ -33,8 +33,8 @@ class FoundCalibration:
 
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
-    """All calibrations in the places. Those for images of ``size`` (width, height) come first, each
-    group in natural order.
+    """All calibrations in the places. Those for images of ``size`` (width, height) come first, of
+    them those given by name, each group in natural order.
     """
     paths = _all_candidates(places)
     found = [one for path in paths if (one := _try_load(path, size))]
@@ -43,7 +43,9 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
     if not found:  # a camera in each of two folders, as EuRoC has them
         above = sorted({folder.parent for folder in folders if folder not in places})
         found = [one for folder in above if (one := _try_load(folder, size))]
-    return tuple(sorted(found, key=lambda one: one.rig.left.image_size != size))
+    return tuple(
+        sorted(found, key=lambda one: (one.rig.left.image_size != size, one.path not in places))
+    )
 
 
 def _folders(places: Sequence[Path], paths: Sequence[Path]) -> set[Path]:

@@ -22,6 +22,9 @@ _RIGHT = (
 )
 """LC and RM: the left camera in color and the right one in monochrome, as on some rigs."""
 
+_WHOLE = {"port": "left", "starboard": "right", "stbd": "right"}
+"""Alone they are sides; in names of places (``Port Davey``) they are not."""
+
 _LETTER = r"[^\W\d_]"
 """Of any alphabet: the r of récif is not a word."""
 
@@ -34,8 +37,10 @@ _SEPARATORS = "_-. "
 
 def side_of(name: str) -> str | None:
     """ "left" or "right" if the name holds a word for exactly one side, such as ``left``, ``LC16``
-    or ``cam0``.
+    or ``cam0``, or is ``port`` or ``starboard``.
     """
+    if side := _WHOLE.get(name.lower()):
+        return side
     found = [side for side, words in _SIDE_WORDS.items() if words.search(name)]
     return found[0] if len(found) == 1 else None
 
@@ -53,8 +58,15 @@ def side_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys
 
 
 def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
-    """The stems without the letters that all begin or end with (``fwd_0001``, ``aft_0001``)."""
-    return _within_affixes(lefts), _within_affixes(rights)
+    """The stems without the letters that all begin or end with (``fwd_0001``, ``aft_0001``).
+
+    What both sides begin with stays, after a word of the side too (``fwd_2026_0001``,
+    ``aft_2026_0001``): a date is shared by all files of an hour, and not by those of the next.
+    """
+    prefixes = [_common_prefix([path.stem for path in paths]) for paths in (lefts, rights)]
+    shared = prefixes[0] if prefixes[0] == prefixes[1] else _shared_end(*prefixes)
+    own_left, own_right = (len(prefix) - len(shared) for prefix in prefixes)
+    return _within_affixes(lefts, own_left), _within_affixes(rights, own_right)
 
 
 def number_pairs(lefts: Sequence[Path], rights: Sequence[Path]) -> list[tuple[Path, Path]]:
@@ -163,12 +175,18 @@ def without_side(stem: str, side: str) -> str:
     return re.sub(r"([_\-. ])[_\-. ]+", r"\1", rest).strip(_SEPARATORS) or stem
 
 
-def _within_affixes(paths: Sequence[Path]) -> Keys:
-    prefix = _common_prefix([path.stem for path in paths])
-    suffix = _common_prefix([path.stem[len(prefix) :][::-1] for path in paths])
+def _within_affixes(paths: Sequence[Path], own: int) -> Keys:
+    """The files by their stems without so many first letters, and the end that all share."""
+    suffix = _common_prefix([path.stem[own:][::-1] for path in paths])
     return _grouped(
-        paths, lambda stem: stem[len(prefix) : len(stem) - len(suffix)].strip(_SEPARATORS) or stem
+        paths, lambda stem: stem[own : len(stem) - len(suffix)].strip(_SEPARATORS) or stem
     )
+
+
+def _shared_end(first: str, second: str) -> str:
+    """What two texts end with, from a separator on."""
+    ends = (first[i:] for i, letter in enumerate(first) if letter in _SEPARATORS)
+    return next(filter(second.endswith, ends), "")
 
 
 def _common_prefix(texts: Sequence[str]) -> str:

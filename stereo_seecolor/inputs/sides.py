@@ -49,7 +49,7 @@ class Sides:
     video twice shows both.
 
     guessed: no name says which side is which. others: folders of the same names elsewhere, as of
-    another hour or dive.
+    another hour or dive, and those beside a side's, as a day that the other side lacks.
     """
 
     left: Path
@@ -68,8 +68,10 @@ class Sides:
                 for side in (self.left, self.right)
             )
             with suppress(InputError):  # matches folders of both sides
-                found = [*folder_parts(left).values(), *folder_parts(right).values()]
-                if sorted(found) == sorted((self.left, self.right, *self.others)):
+                lefts, rights = folder_parts(left).values(), folder_parts(right).values()
+                found = sorted([*lefts, *rights])
+                alike = len(lefts) == len(rights)
+                if alike and found == sorted((self.left, self.right, *self.others)):
                     return left, right
         return None
 
@@ -93,8 +95,12 @@ def find_sides(places: Sequence[Path]) -> Sides:
         among = _given(folders, images) if len(places) == 2 else {}
         sides = _both_in_each(images) or _best_pair(among or images | _parents(images))
         names = {sides.left.name, sides.right.name}
+        both = {sides.left, sides.right}
+        cut = {side.parent for side in both} if sides.left.parent != sides.right.parent else set()
         others = [
-            one for one in images if one.name in names and one not in (sides.left, sides.right)
+            one
+            for one in images
+            if (one.name in names or one.parent in cut) and not both & {one, *one.parents}
         ]
         return replace(sides, others=tuple(sorted(others, key=lambda path: natural_key(str(path)))))
     if videos:

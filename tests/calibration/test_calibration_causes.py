@@ -73,6 +73,14 @@ def test_ranges_are_wrong_where_a_rival_says_so() -> None:
     assert not Causes(harmless, (harmless,)).is_wrong
 
 
+def test_only_one_cause_alone_is_more_likely_than_a_mistake_with_the_file() -> None:
+    """Of a real dive with R transposed: pitch, roll and a crop left fewer pixels of the rows."""
+    for many in (0, 1, 3):
+        causes = Causes(Explanation("", CAUSES[:many], 0.0), numbers=20, rig=rig())
+        assert (causes.rig_of_one is not None) == (many == 1)
+    assert replace(causes, best=Explanation("", CAUSES[:1], 100.0)).rig_of_one is None
+
+
 def test_ends_of_a_dive_outrank_what_explains_all_of_it() -> None:
     """The couples of one end decide most of what explains all."""
     cause, nothing = (

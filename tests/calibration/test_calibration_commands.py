@@ -225,6 +225,7 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
         "note: 4 coefficients as OpenCV's k1 k2 p1 p2: used, but the file can be read in 2 ways"
         in printed
     )
+    assert printed.endswith("--refine refined.yaml'; then convert refined.yaml\n")
     code, _, said = cli("convert-calib", source, tmp_path / "wide.yaml", "--size", "wide")
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 

@@ -14,6 +14,7 @@ from small_dives import write_short_reef
 
 from calibration import Rectification
 from calibration.formats import load_rig
+from calibration.verification.changes import Changes
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.odd_pairs import odd_among
 from stereo_seecolor.commands.rig_loading import pairs_of
@@ -114,6 +115,25 @@ def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "range" / f"{NAMES[6]}.tiff").exists()
     code, printed, _ = cli("check", *words)
     assert code == 3 and f"{NAMES[6]}: their rows do not fit the rig of the other pairs" in printed
+
+
+@pytest.mark.slow
+def test_pairs_after_a_lost_image_are_out_of_step_and_not_stabilized(
+    make_dive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where neighbors overlap, rows of such pairs differ from one to the next."""
+    monkeypatch.setattr("stereo_seecolor.checks.changes.look_at_all", lambda *_: [])
+    monkeypatch.setattr("stereo_seecolor.checks.changes.changes_of", lambda _: Changes("each"))
+    dive = make_dive(9)
+    lefts, rights = (sorted((dive.root / side).iterdir()) for side in "LR")
+    sides = zip(lefts, rights[:3] + rights[4:], strict=False)
+    pairs = [Pair(left.stem, left, right) for left, right in sides]
+    rig = load_rig(dive.root / "cam.yaml")
+    found = find_change(Rectification.from_rig(rig), pairs, InputConfig())
+    assert found.is_rigid and found.odd == {pair.name for pair in pairs[3:]}
+    assert found.line.startswith(
+        f"from {pairs[3].name} to {pairs[-1].name}: left and right are 1 image out of synchro"
+    )
 
 
 @pytest.mark.slow

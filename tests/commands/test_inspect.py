@@ -21,7 +21,7 @@ from calibration.resizing import resized_rig
 from stereo_seecolor.cli import main
 from stereo_seecolor.cli.look_commands import inspection_text
 from stereo_seecolor.commands.inspect import inspect
-from stereo_seecolor.commands.inspect_rig import refused_calibrations
+from stereo_seecolor.commands.inspect_rig import find_calibration, refused_calibrations
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.frame_reader import FrameReader
@@ -317,6 +317,14 @@ def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
     problems = inspect([dive.root]).problems
     assert "1 file without a partner, the first: 9999.png (no right image matches)" in problems
     assert "2 calibrations were found, the first was used: cam.yaml, old.yaml" in problems
+
+
+def test_a_calibration_given_by_name_comes_before_those_in_a_folder(make_dive, tmp_path) -> None:
+    root = make_dive(1).root
+    given = tmp_path / "zz.yaml"
+    given.write_bytes((root / "cam.yaml").read_bytes())
+    size = load_rig(given).left.image_size
+    assert [one.path for one in find_calibration([root, given], size)] == [given, root / "cam.yaml"]
 
 
 @pytest.mark.slow

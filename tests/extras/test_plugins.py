@@ -2,6 +2,7 @@
 shows; the core loads none of its own extras.
 """
 
+import importlib
 import json
 import os
 import re
@@ -39,7 +40,9 @@ from stereo_seecolor.inputs.trajectories.trajectory_format import (
     added_formats as trajectory_formats,
 )
 from stereo_seecolor.mapping.surface.engines import engine
+from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.records import StereoFrame
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.water_file import read_waters
 
@@ -61,15 +64,13 @@ version = "1.0"
 [project.entry-points."stereo_seecolor.engines"]
 raised = "reef_notes:fuse_raised"
 
-[project.entry-points."stereo_seecolor.matching_engines"]
-level = "reef_notes:Level"
-
 [tool.setuptools]
 py-modules = ["reef_notes"]
 """
 
 MORE_ENTRIES = {
     'note = "reef_notes:note"': 'lost = "reef_notes.not_there:lost"',
+    'blocks = "reef_notes:BlockMatching"': 'level = "reef_notes:Level"',
     'slope = "reef_notes:fit"': 'nothing = "reef_notes:fit_nothing"',
 }
 """Entries of the page, and what stands below each here."""
@@ -78,7 +79,6 @@ MODULE = """
 from dataclasses import replace
 
 from stereo_seecolor.mapping.surface.own_engine import fuse_tile
-from stereo_seecolor.matching.disparity import MatchedDisparity
 
 
 def fuse_raised(tile, tiling, frames, geometry):
@@ -244,6 +244,16 @@ def test_a_matching_engine_of_another_package_gives_the_ranges(
     range_m = run.frames[0].read("range")
     depth_m = range_m[np.isfinite(range_m)] / run.geometry.ray_length[np.isfinite(range_m)]
     np.testing.assert_allclose(depth_m, np.median(depth_m), rtol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("installed")
+def test_the_matcher_of_the_page_finds_a_shift() -> None:
+    texture = np.random.default_rng(0).integers(0, 255, (60, 200, 1), np.uint8).repeat(3, axis=2)
+    frame = StereoFrame("a", texture[:, :160], texture[:, 12:172])
+    matcher = importlib.import_module("reef_notes").BlockMatching(None, 3, 40)
+    found = matcher.find(frame, GrayPair.from_frame(frame, 2)).disparity
+    assert np.median(found[8:-8, 20:-8]) == 12 and np.isfinite(found[:, :40]).any()
 
 
 @pytest.mark.slow

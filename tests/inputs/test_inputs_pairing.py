@@ -14,6 +14,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, sort_naturally
 from stereo_seecolor.inputs.listing import list_images
+from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.name_times import timestamp_from_name
 from stereo_seecolor.inputs.pairing import pair_by_stem, pair_folders
 
@@ -59,6 +60,31 @@ def names(
 )
 def test_pairs_by_name(tmp_path: Path, left: str, right: str, name: str) -> None:
     assert names(tmp_path, [left], [right]) == [(name, left, right)]
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "name"),
+    [
+        ("2016-01-20T00-12-{}_port.png", "2016-01-20T00-12-{}_stbd.png", "2016-01-20T00-12-{}"),
+        ("fwd_20160120_{}.png", "aft_20160120_{}.png", "20160120_{}"),
+        ("fore_{}.png", "core_{}.png", "{}"),
+        ("fwd2_{}.png", "aft2_{}.png", "{}"),
+    ],
+)
+def test_names_keep_what_both_sides_begin_with(
+    tmp_path: Path, left: str, right: str, name: str
+) -> None:
+    """Names of the first two pairs that arrive have the date that later ones show to differ."""
+    numbers = ["14.619", "15.120"]
+    lefts, rights = ([side.format(number) for number in numbers] for side in (left, right))
+    assert [found for found, _, _ in names(tmp_path, lefts, rights)] == [
+        name.format(number) for number in numbers
+    ]
+
+
+def test_port_and_starboard_are_sides_and_parts_of_place_names() -> None:
+    named = [side_of(name) for name in ("port", "STBD", "Starboard", "port_davey_R", "port_davey")]
+    assert named == ["left", "right", "right", "right", None]
 
 
 def test_names_beginning_with_a_side_letter_are_left_alone(tmp_path: Path) -> None:

@@ -189,3 +189,17 @@ def test_a_card_with_one_video_is_that_video(tmp_path: Path) -> None:
     make_files(tmp_path, "two/a.mp4", "two/b.mp4", "images/a.png", "images/a.mp4")
     for name in ("two", "images", "nowhere"):
         assert video_of(tmp_path / name) == tmp_path / name
+
+
+@pytest.mark.parametrize("name", ["{}.png", "{}_of_{}.png"])
+def test_a_day_that_one_side_lacks_is_named(tmp_path: Path, name: str) -> None:
+    """As left out where names come again each day, else as files without a partner."""
+    for folder in ("port/day1", "stbd/day1", "port/day2"):
+        (tmp_path / folder).mkdir(parents=True)
+        for number in range(3):
+            (tmp_path / folder / name.format(number, folder[-4:])).touch()
+    sides = find_sides([tmp_path])
+    left, others = ("port/day1", ["port/day2"]) if name == "{}.png" else ("port", [])
+    assert (sides.left, sides.right) == (tmp_path / left, tmp_path / "stbd/day1")
+    assert list(sides.others) == [tmp_path / other for other in others]
+    assert not others or sides.together is None  # names that come again: no partner has one

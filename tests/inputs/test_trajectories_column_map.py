@@ -205,6 +205,12 @@ def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
         )
 
 
+def test_a_column_map_with_a_depth_and_no_heading_says_so(tmp_path: Path) -> None:
+    path = write(tmp_path, "t,la,lo,d\n1,-14,145,5\n2,-14,145,5", "nav.csv")
+    with pytest.raises(InputError, match=r"lacks heading.*alone: nav.csv:time=t,lat=la,lon=lo$"):
+        read_trajectory(spec(path, "time=t,lat=la,lon=lo,depth=d"))
+
+
 def test_positions_that_a_receiver_repeats_are_read_as_they_change(tmp_path: Path) -> None:
     rows = [f"{t},{4 * (t // 4)},0,5,90" for t in range(1, 41)]
     track = read_trajectory(

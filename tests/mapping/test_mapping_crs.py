@@ -55,6 +55,16 @@ def test_the_zone_is_that_of_the_place(place: tuple[float, float], zone: int) ->
     )
 
 
+def test_the_projection_around_the_origin_has_a_name() -> None:
+    """GIS programs list it by this name, and QGIS calls one without a name unknown."""
+    crs = pyproj.CRS.from_wkt(crs_wkt(ORIGIN))
+    assert (crs.name, crs.geodetic_crs.name) == ("Meters around -23.500000, 152.000000", "WGS 84")
+    assert "unknown" not in rasterio.CRS.from_wkt(crs.to_wkt()).to_wkt()
+    proj4 = "+proj=tmerc +lat_0=-23.5 +lon_0=152 +k=1 +datum=WGS84 +units=m +type=crs"
+    to_proj4 = pyproj.Transformer.from_crs(crs, proj4, always_xy=True)
+    assert to_proj4.transform(1000.0, 2000.0) == pytest.approx((1000.0, 2000.0), abs=1e-6)
+
+
 def test_utm_needs_a_place_on_earth(monkeypatch: pytest.MonkeyPatch) -> None:
     config = CONFIG.model_copy(update={"crs": "utm"})
     with pytest.raises(

@@ -124,6 +124,10 @@ WRONG: dict[str, tuple[Callable[[Table], Table], str]] = {
     "longitude's sign": (lambda t: positions(t, lambda p: p * [1, -1]), "x mirrored (longitudes"),
     "exchanged": (lambda t: positions(t, lambda p: p[:, ::-1]), "x and y swapped (latitude and"),
     "feet": (lambda t: positions(t, lambda p: p / 0.3048), "positions in feet"),
+    "half the baseline": (
+        lambda t: positions(t, lambda p: 2 * p),
+        "positions divided by 1.99, or ranges times 1.99 (the baseline of the calibration)",
+    ),
     "minutes": (lambda t: positions(t, lambda p: 0.6 * p), "minutes as decimals"),
     "heading + 90": (lambda t: t._replace(heading_deg=t.heading_deg + 90), "rotated by -90"),
     "counterclockwise": (

@@ -5,7 +5,7 @@ import type { Dive, Text } from "./dive";
 import { Heights } from "./heights";
 import type { About } from "./about";
 import { planarArea, profile, straightLength, totalStd, type Measured } from "./measure";
-import type { Kind, Measure, Measures } from "./measures";
+import { offBorders, type Kind, type Measure, type Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
 import { crossesItself, type Flat, type Vector } from "./outlines";
 import { drawProfile } from "./profile";
@@ -171,7 +171,8 @@ export class MapMeasuring {
   }
 
   /** On the terrain at full precision where it runs there; on the mesh where that stands over or under it. */
-  private async placed({ spot_m: [x, y, z], cell_m, pixel_m }: Clicked): Promise<Placed | null> {
+  private async placed({ spot_m: [east, north, z], cell_m, pixel_m }: Clicked): Promise<Placed | null> {
+    const [x, y] = [east, north].map(offBorders);
     await this.ground.heights.load([[x, y]]);
     const click_m = CLICK_PX * Math.max(pixel_m, this.about.mosaic?.pixel_m ?? 0);
     const found = this.ground.pick(x, y, null, click_m);

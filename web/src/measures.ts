@@ -19,6 +19,11 @@ interface Step {
   before: Measure | null;
 }
 
+/** A coordinate on the map, moved by at most 5 µm: never that of a cell's border, where the table's rounding would choose another cell. */
+export function offBorders(meters: number): number {
+  return (Math.floor(meters * 1e5) + 0.5) / 1e5;
+}
+
 export class Measures {
   /** The random points of the map. */
   readonly points: CoverPoints;
@@ -169,7 +174,7 @@ export class Measures {
       each.points.map((point, i) => [
         ...[each.id, each.frame, each.kind, each.label, i],
         ...(each.frame ? each.places[i].map((pixels) => pixels.toFixed(2)) : ["", ""]),
-        ...this.world(each, point).map((meters) => meters.toFixed(5)),
+        ...this.world(each, point).map((meters) => meters.toFixed(6)),
         ...[each.value, each.std, each.surface, each.surface_std, each.volume_l ?? null, each.volume_std_l ?? null].map((value) => (value === null ? "" : value.toPrecision(6))),
         ...[each.frame ? CLICK_STD_PX : "", each.clicks_m?.[i].toFixed(5) ?? "", each.note ?? ""],
       ]),

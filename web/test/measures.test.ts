@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { texter, type Dive } from "../src/dive";
 import { takeBlocks } from "../src/blocks";
-import { Measures, placed, quoted, type Measure } from "../src/measures";
+import { Measures, offBorders, placed, quoted, type Measure } from "../src/measures";
 
 /** The camera of frame b stands at (1, 2, 3), turned by a quarter around z. */
 const DIVE = {
@@ -138,7 +138,7 @@ test("a table has a row for each point, in the map's world or the frame's camera
   const column = (name: string) => rows.map((row) => row[head.indexOf(name)]);
   assert.deepEqual(column("measure"), ["1", "1", "2"]);
   assert.deepEqual(column("x_px"), ["10.00", "30.00", ""]);
-  assert.deepEqual(column("x_m"), ["0.00000", "0.25000", "101.00000"]);
+  assert.deepEqual(column("x_m"), ["0.000000", "0.250000", "101.000000"]);
   assert.deepEqual(column("click_m"), ["", "", "0.01000"]);
 });
 
@@ -176,4 +176,13 @@ test("texts are filled by name, and what has no value stays", () => {
   const text = texter({ greeting: "{count} frames of {dive}" });
   assert.equal(text("greeting", { count: 3 }), "3 frames of {dive}");
   assert.equal(text("unknown"), "unknown");
+});
+
+test("a place on the map stays in its cell when the table rounds it", () => {
+  for (const meters of [1.685, -0.035, 1.515 + 1e-12, -1e-9]) {
+    const moved = offBorders(meters);
+    assert.ok(Math.abs(moved - meters) <= 5.001e-6);
+    assert.equal(Number(moved.toFixed(6)) % 0.005 === 0, false);
+    assert.ok(Math.abs(Number((100 + moved).toFixed(6)) - 100 - moved) < 1e-9);
+  }
 });

@@ -101,7 +101,12 @@ def markers(
     found = tuple(placed_markers([one for one in seen if one.number not in twice], T))
     if not found and not twice:
         families = [name for name in FAMILIES if name != known.family and _shows(posed, name)]
-        others = f"the frames show {', or '.join(families)}" if families else "nor of another one"
+        others = (
+            f"the frames show {', or '.join(families)}: give --family"
+            if families
+            else "nor of another family: markers that are too small, blurred or covered are not "
+            "detected"
+        )
         raise InputError(
             f"{out}: shows no marker of {known.family} in two frames or more: {others}"
         )

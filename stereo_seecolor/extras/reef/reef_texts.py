@@ -1,5 +1,6 @@
 """Metrics, change and markers of a reef, as text."""
 
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from stereo_seecolor.cli.text import lines, table
@@ -128,12 +129,19 @@ def _structure(result: "SiteMetrics") -> str:
         )
         for name in names
     ]
-    return table(("in squares of", *(f"{each.edge_m:g} m" for each in result.structure)), rows)
+    heads = ("in squares of", *(f"{each.edge_m:g} m" for each in result.structure))
+    return table(heads, rows) + "1.398(2): 1.398 with a standard error of 0.002\n"
 
 
 def _concise(value: float, error: float) -> str:
-    """A value with its standard error in units of the last digit: 1.398(2) is 1.398 +- 0.002."""
-    return f"{value:.3f}({1000 * error:.0f})"
+    """A value with its standard error, if it has one, in units of the last digit."""
+    if not isfinite(value):
+        return "-"
+    return f"{value:.3f}({1000 * error:.0f})" if isfinite(error) else f"{value:.3f}"
+
+
+def _with_error(value: float, error: float, digits: int) -> str:
+    return f"{value:.{digits}f} +- {error:.{digits}f}" if isfinite(value) else "-"
 
 
 def _outlines(result: "SiteMetrics") -> str:
@@ -141,12 +149,13 @@ def _outlines(result: "SiteMetrics") -> str:
         (
             each.name,
             each.label,
-            f"{1e4 * each.measured.planar_m2:.0f}",
-            f"{1e4 * each.measured.surface_m2:.0f} +- {1e4 * each.standard_error.surface_m2:.0f}",
-            f"{100 * each.measured.height_m:.1f} +- {100 * each.standard_error.height_m:.1f}",
-            f"{each.measured.volume_l:.2f} +- {each.standard_error.volume_l:.2f}",
+            _with_error(1e4 * size.planar_m2, 1e4 * error.planar_m2, 0),
+            _with_error(1e4 * size.surface_m2, 1e4 * error.surface_m2, 0),
+            _with_error(100 * size.height_m, 100 * error.height_m, 1),
+            _with_error(size.volume_l, error.volume_l, 2),
         )
         for each in result.colonies
+        for size, error in [(each.measured, each.standard_error)]
     ]
     return table(("outline", "label", "planar cm2", "surface cm2", "height cm", "volume l"), rows)
 

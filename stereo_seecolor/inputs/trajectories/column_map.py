@@ -115,14 +115,18 @@ def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     columns = guessed(lines)
     if missing := _missing(columns):
         names = ", ".join(_header(lines)[1])
-        fixes = {role: column for role, column in columns.items() if role in _FIXES}
-        spec = ",".join(f"{role}={column}" for role, column in fixes.items())
-        alone = "" if _missing(fixes) else f", or use its positions alone: {lines.path.name}:{spec}"
         raise InputError(
             f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name "
-            f"its columns as in {_EXAMPLE}{alone}"
+            f"its columns as in {_EXAMPLE}{_positions_alone(lines, columns)}"
         )
     return read(lines, columns, mount, by_names=True)
+
+
+def _positions_alone(lines: Lines, columns: Mapping[str, str]) -> str:
+    """The column map of a table's positions, as another thing to do; "" where it has none."""
+    fixes = {role: column for role, column in columns.items() if role in _FIXES}
+    spec = ",".join(f"{role}={column}" for role, column in fixes.items())
+    return "" if _missing(fixes) else f", or use its positions alone: {lines.path.name}:{spec}"
 
 
 def describe_table(lines: Lines) -> str:
@@ -169,6 +173,7 @@ def read(
     if missing := _missing(columns):
         raise InputError(
             f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}"
+            f"{_positions_alone(lines, columns)}"
         )
     table = _table(lines, columns)
     names = tuple(

@@ -194,8 +194,12 @@ def _of_other_units(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Arra
             for unit, per_m in _PER_METER.items()
             if abs(scale / per_m - 1) < SETTINGS.same_unit
         )
+        by_no_unit = (
+            f"positions divided by {scale:.3g}, or ranges times {scale:.3g} (the baseline of the "
+            "calibration)"
+        )
         yield (
-            next((f"positions {unit}" for unit in units), f"positions divided by {scale:.3g}"),
+            next((f"positions {unit}" for unit in units), by_no_unit),
             _with_positions(T, lambda p: p / scale),
         )
 

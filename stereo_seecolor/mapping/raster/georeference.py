@@ -75,14 +75,13 @@ def crs_wkt(origin: GeoOrigin) -> str:
     and turns north by up to 3 degrees.
     """
     import pyproj
+    from pyproj.crs.coordinate_operation import TransverseMercatorConversion
 
     if origin.utm_epsg:
         return str(pyproj.CRS.from_epsg(origin.utm_epsg).to_wkt())
-    projection = (
-        f"+proj=tmerc +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} "
-        "+k=1 +x_0=0 +y_0=0 +datum=WGS84"
-    )
-    return str(pyproj.CRS.from_proj4(f"{projection} +units=m +no_defs +type=crs").to_wkt())
+    around = TransverseMercatorConversion(origin.latitude_deg, origin.longitude_deg)
+    name = f"Meters around {origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}"
+    return str(pyproj.crs.ProjectedCRS(around, name, geodetic_crs=4326).to_wkt())
 
 
 def utm_of(origin: GeoOrigin) -> GeoOrigin:

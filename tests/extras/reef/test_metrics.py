@@ -26,16 +26,24 @@ from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
+from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
 from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.reef.outlines import Outline
+from stereo_seecolor.extras.reef.reef_texts import metrics_text
 from stereo_seecolor.extras.reef.site_surface import SiteMesh, read_mesh
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.noise import peaks, smoothed
 from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.mapping.raster.square_metrics import mean_height_range, rdh
-from stereo_seecolor.mapping.raster.structure import Numbers, numbers_of, squares_of, structure
+from stereo_seecolor.mapping.raster.structure import (
+    Numbers,
+    StructureAtScale,
+    numbers_of,
+    squares_of,
+    structure,
+)
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.report.facts import DiveFacts
@@ -273,6 +281,17 @@ def test_the_mesh_counts_what_overhangs() -> None:
     assert scale.mapped.rugosity_area == pytest.approx(1, abs=1e-9)
     # a cell at the edge is half covered
     assert scale.mapped.mesh_rugosity == pytest.approx(2, abs=0.05)
+
+
+def test_what_is_unknown_is_a_dash_and_areas_have_errors() -> None:
+    size, error = ColonySize(0.2, 0.2, 0.3, 0.3, 0.1, np.nan, 1.5), ColonySize(*[0.02] * 7)
+    colony = Colony("T1", "table", size, error, 0.0, 3.0)
+    values = Numbers(1.9156, 1.26, np.nan, 0.2, 0.18, 1.5621)
+    errors = replace(values, rugosity_area=0.061, mesh_rugosity=np.nan)
+    scale = StructureAtScale(0.25, 0.01, 4, values, errors, values, values)
+    text = metrics_text(SiteMetrics((scale,), (colony,), (), (), 0.01, 5.0, 0.01))
+    assert "2000 +- 200  3000 +- 200  10.0 +- 2.0  -" in text
+    assert all(number in text for number in ("1.916(61)", " -\n", " 1.562\n")) and "nan" not in text
 
 
 @pytest.mark.slow
