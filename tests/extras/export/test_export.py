@@ -293,6 +293,17 @@ def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
     assert "map/dem.tif" in item.assets and item.common_metadata.start_datetime is not None
 
 
+def test_the_item_of_a_run_named_collection_stays_beside_the_collection(
+    fused: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(fused, tmp_path / "Collection")
+    export(tmp_path / "Collection", "stac", tmp_path / "to")
+    files = {path.name.casefold() for path in (tmp_path / "to").iterdir()}
+    assert files == {"collection.json", "collection_item.json"}
+    (link,) = json.loads((tmp_path / "to/collection.json").read_text())["links"]
+    assert json.loads((tmp_path / "to" / link["href"]).read_text())["id"] == "Collection"
+
+
 def at_the_antimeridian(fused: Path, out: Path) -> Path:
     """A copy of the run whose track lies on both sides of the antimeridian."""
     on_earth(fused, out)
