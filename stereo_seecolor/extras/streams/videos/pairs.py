@@ -68,7 +68,8 @@ class Videos:
             raise InputError(f"{self.left} and {self.right}: their frames form no pairs")
         files = [video_file(path) for path in dict.fromkeys((self.left, self.right))]
         notes = (note for file in files for note in file.notes)
-        wrong = frozenset[Numbers](["colors"] if files[0].other_colors else [])
+        colors: list[Numbers] = ["colors"] if files[0].other_colors else []
+        wrong = frozenset[Numbers]([*choice.wrong, *colors])
         return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes), wrong=wrong)
 
 
