@@ -104,6 +104,8 @@ class RangeMap:
             pixels; NaN if unknown.
         right_sharpness: Contrast of fine details, relative to that of coarse ones, in the right
             image over that in the left one; NaN if unknown.
+        rows_are_off: Whether ``vertical_px``, at the size that was matched, is so large that ranges
+            are biased.
     """
 
     disparity: Map
@@ -115,6 +117,7 @@ class RangeMap:
     warnings: tuple[str, ...] = ()
     vertical_px: float = math.nan
     right_sharpness: float = math.nan
+    rows_are_off: bool = False
 
     @classmethod
     def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":

@@ -184,6 +184,11 @@ class CalibrationReport:
             return "usable", "; ".join(usable)
         return "good", f"{figures[0][2]}, {figures[1][2]}, {len(self.used)} views"
 
+    @property
+    def is_wrong(self) -> bool:
+        """True if ranges of this rig may be wrong by more than a usable one's: do it again."""
+        return self.verdict[0] == "do it again"
+
     def lines(self) -> list[str]:
         """The report line by line, the verdict last."""
         rig, lens = self.rig, self.lens

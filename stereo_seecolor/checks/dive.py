@@ -4,6 +4,7 @@
 """
 
 from stereo_seecolor.checks.channel_order import channel_order, order_of_sides
+from stereo_seecolor.checks.focal_lengths import changed_focal_lengths
 from stereo_seecolor.checks.image_files import compression, cut_out, form
 from stereo_seecolor.checks.misplaced_maps import misplaced_maps
 from stereo_seecolor.checks.range_maps import disparities
@@ -17,6 +18,7 @@ IMAGE_CHECKS = (
     Check("pictures cut out or zoomed", "the heads of 4 files", cut_out),
     _COMPRESSION,
     _FORM,
+    Check("focal lengths that EXIF says change", "heads of 500 pairs", changed_focal_lengths),
     Check("a left side without color", "3 pairs", gray_side),
     Check("mosaics read one column off", "3 pairs", shifted_mosaic),
     Check("red and blue exchanged from a frame on", "5 left images", channel_order),

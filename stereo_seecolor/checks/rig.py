@@ -22,7 +22,7 @@ from calibration.verification.motion import (
 from calibration.verification.motion_result import LIMITS
 from calibration.verification.quick_check import quick_check
 from calibration.verification.rigid_motion import SeenTwice
-from stereo_seecolor.checks.changes import COMPARED, DiveChange
+from stereo_seecolor.checks.changes import COMPARED, DiveChange, find_change
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (
@@ -75,6 +75,18 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
             if not find_causes(pipeline.rig, [look.matches for _, look in looks]).is_wrong:
                 return _motion_check(pipeline, pairs).after(DiveVerdict(said))
     return _full_check(pipeline, pairs, change).after(DiveVerdict(said))
+
+
+def check_processed(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
+    """``check_rig`` of pairs that were processed without it: what it would have refused or left out
+    is wrong.
+    """
+    change = find_change(pipeline.rectification, pairs, pipeline.config.input)
+    try:
+        found = check_rig(pipeline, pairs, change)
+    except InputError as error:
+        return DiveVerdict((f"calibration: {error}",), RANGES)
+    return replace(found, wrong=found.wrong | RANGES) if change.odd else found
 
 
 def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:

@@ -5,7 +5,6 @@ looks straight down guesses which way is up, and readers turn its images by that
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,13 @@ import numpy as np
 from calibration import CalibrationError
 from calibration.errors import counted
 from calibration.verification.changes import PairRows, differ
+from stereo_seecolor.checks.exif_heads import LOOKED_AT, exif_head
 from stereo_seecolor.checks.sample import evenly_spaced, read_both
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.capture import orientation
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
 
-LOOKED_AT = 500
-"""Pairs, spread over the dive, whose tags are read: 1000 heads of files take about a second."""
-HEAD_BYTES = 1 << 16
-"""Of a file: EXIF is one of the first segments of a JPEG, which hold at most so much."""
 TESTED = 3
 """Turned pairs whose pixels are tested: other causes give other tags too, as a viewer that turned
 the pixels and reset the tag."""
@@ -45,7 +40,10 @@ def turned_pairs(
     with the first image, its tag and what to do, and the names of the pairs; "" and none where
     there are none.
     """
-    seen = [(pair, (_tag(pair.left), _tag(pair.right))) for pair in evenly_spaced(pairs, LOOKED_AT)]
+    seen = [
+        (pair, (exif_head(pair.left).orientation, exif_head(pair.right).orientation))
+        for pair in evenly_spaced(pairs, LOOKED_AT)
+    ]
     counts = Counter(tags for _, tags in seen)
     if len(counts) < 2:
         return "", frozenset()
@@ -72,17 +70,6 @@ def turned_pairs(
         if all(_is_turned(pair, tags, usual, images, fits) for pair, tags in tested):
             return _line(turned, usual), frozenset(pair.name for pair, _ in turned)
     return "", frozenset()
-
-
-def _tag(path: Path) -> int:
-    """The tag of a file; 1, upright, of what lies in a video or a bag, or cannot be read."""
-    try:
-        if not path.is_file():
-            return 1
-        with path.open("rb") as file:
-            return orientation(file.read(HEAD_BYTES))
-    except OSError:
-        return 1
 
 
 def _is_turned(

@@ -114,7 +114,7 @@ def calibrate(
     report: Report,
 ) -> None:
     """Calibrate a rig from image pairs of a chessboard, ChArUco board or AprilGrid
-    (docs/calibration.md); exit code 3 if the rig changed between two of them.
+    (docs/calibration.md); exit code 3 if the verdict is "do it again".
     """
     from stereo_seecolor.commands import calibrate as commands
     from stereo_seecolor.dive.run_options import RunOptions
@@ -131,7 +131,7 @@ def calibrate(
         result = commands.calibrate(
             left, right, target, out, medium, RunOptions(workers, listener=listener)
         )
-    code = EXIT_SOME_FAILED if result.report.change else EXIT_DONE
+    code = EXIT_SOME_FAILED if result.report.is_wrong else EXIT_DONE
     report.end(calibration_content(result), calibration_text(result), code)
 
 

@@ -100,7 +100,11 @@ class DeviceMatcher(Matcher):
             left.cpu().numpy(), right.cpu().numpy(), range_map.disparity
         )
         found_ranges = replace(
-            range_map, right_sharpness=sharpness, vertical_px=vertical_px, warnings=warnings
+            range_map,
+            right_sharpness=sharpness,
+            vertical_px=vertical_px,
+            rows_are_off=diagnostics.rows_are_off(vertical_px),
+            warnings=warnings,
         )
         return found_ranges, detail
 

@@ -64,6 +64,13 @@ def orientation(content: bytes) -> int:
     return tag if isinstance(tag, int) and 1 <= tag <= 8 else _UPRIGHT
 
 
+def focal_mm(content: bytes) -> float | None:
+    """The focal length that EXIF states. ``content``: the beginning of a file is enough."""
+    nothing: _Tags = {}
+    tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)
+    return _positive_capture(tags.get(ExifTags.Base.FocalLength))
+
+
 MOST_ZOOM = 100.0
 """Digital zooms beyond this are damage."""
 _EDITED = re.compile(

@@ -33,6 +33,11 @@ LOST_S = 1.0
 
 OPEN_VIDEOS = 4
 
+SAME_SHAPE = 0.02
+"""Of the ratio of a pixel's sides: files round it, and lenses differ along x and y by some
+thousandths.
+"""
+
 CURVES = {8: "linear light", 16: "high dynamic range (PQ)", 18: "high dynamic range (HLG)"}
 PRIMARIES = {9: "primaries of BT.2020", 11: "primaries of P3", 12: "primaries of P3"}
 """Numbers of ITU-T H.273 that are not near sRGB: transfer characteristics, color primaries."""
@@ -48,13 +53,15 @@ class VideoIndex:
     """The index of a video's frames.
 
     pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of
-    keyframes. stated_s: duration that the file states, 0 where it states none.
+    keyframes. stated_s: duration that the file states, 0 where it states none. pixel_width: over
+    the height of a pixel, as the file states (sample aspect ratio).
     """
 
     pts: Times
     keys: Times
     unit_s: float
     stated_s: float = 0.0
+    pixel_width: float = 1.0
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -128,6 +135,21 @@ class VideoFile:
                 "or export it in BT.709 (standard dynamic range)"
             )
         return tuple(notes)
+
+    def other_pixels(self, K: NDArray[np.float64]) -> str:
+        """A note where the file states pixels of another shape than a calibration has; else ""."""
+        wide = self.index.pixel_width
+        with suppress(InputError):  # its pair says so
+            if round(self.frame(0).rotation / 90) % 2:
+                wide = 1 / wide
+        if wide == 1 or abs(K[0, 0] / K[1, 1] * wide - 1) < SAME_SHAPE:
+            return ""
+        return (
+            f"{self.path}: states pixels {wide:.4g} times as wide as high (sample aspect ratio), "
+            f"so that fx / fy would be {1 / wide:.3f}, but the calibration has "
+            f"{K[0, 0] / K[1, 1]:.3f}: is it of frames that were stretched for display? Frames are "
+            "read as they are stored: calibrate with such frames"
+        )
 
     @property
     def other_colors(self) -> str:
@@ -213,5 +235,9 @@ def _frame_index(path: Path) -> VideoIndex:
             else (container.duration or 0) / 1e6
         )
         return VideoIndex(
-            np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s
+            np.unique(pts),
+            np.unique(np.array(keys, np.int64)),
+            float(stream.time_base),
+            stated_s,
+            float(stream.sample_aspect_ratio or 1),
         )

@@ -66,8 +66,6 @@ class DiagnosticsConstants:
 
 
 DIAGNOSTICS_CONSTANTS = DiagnosticsConstants()
-BIASED = "ranges are biased"
-"""End of the warning of a pair whose rows are off."""
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
@@ -186,13 +184,18 @@ def _long_holes(disparity: Map, scale: int) -> NDArray[np.uint8]:
     return hole
 
 
+def rows_are_off(vertical_px: float) -> bool:
+    """Tell whether the same point lies on different rows of the two images; False for NaN."""
+    return abs(vertical_px) >= DIAGNOSTICS_CONSTANTS.vertical_px
+
+
 def vertical_disparity_warning(vertical_px: float) -> str | None:
     """Return a warning if the same point lies on different rows of the two images, else None."""
-    if not abs(vertical_px) >= DIAGNOSTICS_CONSTANTS.vertical_px:
+    if not rows_are_off(vertical_px):
         return None
     return (
         f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration "
-        f"no longer fits, {BIASED}"
+        "no longer fits, ranges are biased"
     )
 
 

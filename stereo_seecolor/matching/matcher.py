@@ -134,7 +134,13 @@ class Matcher:
             else 1.0
         )
         warnings = self._warnings(pair.small_left, range_map, repeated, vertical_px)
-        return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
+        rows_are_off = diagnostics.rows_are_off(vertical_px)
+        return (
+            replace(
+                range_map, vertical_px=vertical_px, rows_are_off=rows_are_off, warnings=warnings
+            ),
+            detail,
+        )
 
     def _warnings(
         self, small_left: Gray, range_map: RangeMap, repeated: Mask, vertical_px: float

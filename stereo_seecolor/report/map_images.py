@@ -80,10 +80,13 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
 
 @dataclass(frozen=True)
 class TerrainImages:
-    """dem.tif for the page. about: its size, place, and heights of its colors (low_m, high_m)."""
+    """dem.tif for the page. about: its size, place, and heights of its colors (low_m, high_m).
+    base_m: the height of its zero, which the file of a map deep in the sea states apart.
+    """
 
     path: Path
     about: dict[str, Any]
+    base_m: float = 0.0
 
     @classmethod
     def open(cls, path: Path) -> "TerrainImages | None":
@@ -95,7 +98,7 @@ class TerrainImages:
             size = max(1, int(file.height / scale)), max(1, int(file.width / scale))
             heights = file.read(1, out_shape=size, masked=True).filled(np.nan).astype(np.float64)
             limits = {"low_m": _percentile(heights, 1), "high_m": _percentile(heights, 99)}
-            return cls(path, {**_place(file), **limits})
+            return cls(path, {**_place(file), **limits}, float(file.offsets[0]))
 
     @property
     def grid(self) -> Grid:

@@ -89,6 +89,21 @@ def test_calibrate_from_folders(
     assert (tmp_path / "cam_coverage.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
+def test_calibration_that_must_be_done_again_gives_exit_code_3(
+    cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path
+) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for path in sorted((board_pairs[0] / side).iterdir())[:4]:
+            (tmp_path / side / path.name).symlink_to(path)
+    sides = ("--left", tmp_path / "left", "--right", tmp_path / "right")
+    code, printed, _ = cli("calibrate", "--target", TARGET, *sides, "--out", tmp_path / "cam.yaml")
+    assert "do it again: corners in only" in printed
+    assert code == 3
+    assert (tmp_path / "cam.yaml").exists()
+
+
 def test_calibrate_prints_the_target(cli: Cli, tmp_path: Path) -> None:
     code, printed, _ = cli(
         "calibrate", "--target", TARGET, "--print-target", tmp_path / "board.pdf"

@@ -7,17 +7,20 @@ import sys
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import cv2
 import numpy as np
 import pytest
+from calibration_binaries import small_rig
 from conftest import contents
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.videos import pairs
 from stereo_seecolor.extras.streams.videos.pairs import Videos
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pairing
@@ -51,6 +54,7 @@ def write_video(
         )
         stream.width, stream.height, stream.pix_fmt = width, height, pix
         stream.codec_context.time_base = Fraction(1, 10 if times_s is None else TICKS)
+        stream.codec_context.sample_aspect_ratio = about.get("pixel", Fraction(1))
         for number, image in enumerate(frames):
             frame = av.VideoFrame.from_ndarray(
                 np.ascontiguousarray(image),
@@ -239,6 +243,38 @@ def test_videos_of_other_colors_than_srgb_are_named(tmp_path: Path, stated: str,
     assert len(found.notes) == bool(said)
     assert all(f"{path}: states {said}" in note for note in found.notes)
     assert found.wrong == (frozenset({"colors"}) if said else frozenset())
+
+
+@pytest.mark.parametrize(
+    ("pixel", "fx", "is_named"),
+    [(Fraction(4, 3), 100, True), (Fraction(4, 3), 75.5, False), (Fraction(1), 75, False)],
+)
+def test_pixels_of_another_shape_than_the_calibration_has_are_named(
+    tmp_path: Path, pixel: Fraction, fx: float, is_named: bool
+) -> None:
+    """Which is right, files that state no shape do not tell."""
+    for suffix in (".mp4", ".mkv"):
+        video = write_video(
+            tmp_path / f"a{suffix}", smooth_frames(2), "libx264", "yuv420p", pixel=pixel
+        )
+        note = video_file(video).other_pixels(np.diag([fx, 100.0, 1.0]))
+        assert ("1.333 times as wide as high" in note, "fx / fy would be 0.750" in note) == (
+            is_named,
+            is_named,
+        )
+
+
+def test_a_run_names_pixels_of_another_shape(tmp_path: Path, monkeypatch) -> None:
+    rig = small_rig()
+    monkeypatch.setattr(pairs, "load_rig_of_images", lambda *_: rig)
+    sides = [
+        write_video(tmp_path / name, smooth_frames(2), "libx264", "yuv420p", pixel=Fraction(4, 3))
+        for name in ("l.mp4", "r.mp4")
+    ]
+    folder = SimpleNamespace(root=tmp_path)
+    found = pairs.video_pairing(*sides, "", folder, InputConfig())  # type: ignore[arg-type]
+    named = [note.split(": ")[0] for note in found.notes if "sample aspect ratio" in note]
+    assert named == [str(path) for path in sides]
 
 
 def test_what_is_no_video(tmp_path: Path) -> None:

@@ -123,6 +123,8 @@ SHAPES: dict[str, Shape] = {
     "live": {
         **keys(int, "done failed biased dropped"),
         **keys(str, "last_error reduced waiting"),
+        "notes": [str],
+        "wrong": [str],
         **keys(UNKNOWN, "latency_median_s latency_p95_s products_median_s products_p95_s"),
     },
     "bag-info": {

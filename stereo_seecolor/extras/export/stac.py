@@ -29,6 +29,7 @@ from stereo_seecolor.run_folder.layout import (
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 VERSION = "1.0.0"
+COLLECTION = "collection.json"
 ASSETS: dict[str, tuple[str, str]] = {
     INDEX: ("text/html", "the page of the run"),
     FRAMES_TABLE: ("text/csv", "a row for each pair"),
@@ -43,14 +44,19 @@ ASSETS: dict[str, tuple[str, str]] = {
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """NAME.json, the item of the run, which names its files, and collection.json."""
+    """``item_file``, the item of the run, which names its files, and COLLECTION."""
     root = posed.run.root.resolve()
     one = item(root, root.name, folder.resolve())
     for name, content in (
-        (f"{root.name}.json", one),
-        ("collection.json", collection([one], root.name)),
+        (item_file(root.name), one),
+        (COLLECTION, collection([one], root.name)),
     ):
         (folder / name).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def item_file(name: str) -> str:
+    """The file of an item, beside COLLECTION: another one, also where case does not count."""
+    return f"{name}{'_item' if name.casefold() == 'collection' else ''}.json"
 
 
 def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
@@ -64,7 +70,7 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
     there = {path: about for path, about in ASSETS.items() if (out / path).is_file()}
     what = f"{len(run.frames)} frames of a stereo camera, corrected for the water"
     up = [
-        {"rel": kind, "href": "collection.json", "type": "application/json"}
+        {"rel": kind, "href": COLLECTION, "type": "application/json"}
         for kind in ("collection", "parent", "root")
     ]
     return {
@@ -106,7 +112,7 @@ def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
             "temporal": {"interval": [[times[0], times[-1]] if times else [None, None]]},
         },
         "links": [
-            {"rel": "item", "href": f"{one['id']}.json", "type": "application/geo+json"}
+            {"rel": "item", "href": item_file(one["id"]), "type": "application/geo+json"}
             for one in items
         ],
     }

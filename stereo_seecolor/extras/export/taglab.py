@@ -75,6 +75,7 @@ def _write_heights(terrain: Any, mosaic: Any, path: Path) -> None:
 
     heights: NDArray[np.float32] = terrain.read(1)
     with rasterio.open(path, "w", **_profile(mosaic, 1, "float32", nodata=NO_DATA)) as file:
+        file.offsets = terrain.offsets[:1]  # of a map deep in the sea, whose heights lack it
         for window in windows_of(mosaic, BLOCK_PX):
             x = (
                 mosaic.bounds.left

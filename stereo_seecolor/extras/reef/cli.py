@@ -76,7 +76,7 @@ def compare(
     report: BareReport,
 ) -> None:
     """Detect changes between two fused runs of one site: growth, loss and color, with standard
-    errors.
+    errors; exit code 3 if the lengths of the two differ by more than 2 %.
     """
     from stereo_seecolor.extras.reef.compare import compare as compare_runs
     from stereo_seecolor.extras.reef.comparing.change_files import description
@@ -89,7 +89,8 @@ def compare(
         | {"joint": bent}
         | {"first": first, "second": second, "patches": found.change.patches}
     )
-    report.end({**content, "files": found.files}, comparison_text(found))
+    code = EXIT_SOME_FAILED if found.change.registration.is_wrong else EXIT_DONE
+    report.end({**content, "files": found.files}, comparison_text(found), code)
 
 
 @command(

@@ -63,13 +63,14 @@ class Spot(PickedPoint):
 class Ground:
     """A terrain model. heights_m: (H, W), NaN where unknown. std_m: of a height. sides: (H, W)
     whether the sides of what stands at a cell were seen (``sides_seen``); None where that is not
-    known.
+    known. base_m: the height of their zero in the map's world, of a map deep in the sea.
     """
 
     heights_m: Map
     grid: Grid
     std_m: float
     sides: NDArray[np.bool_] | None = None
+    base_m: float = 0.0
 
     @property
     def gap_m(self) -> float:

@@ -150,7 +150,8 @@ def ground_of(run: FinishedRun) -> Ground:
         raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'")
     grid, std_m = terrain.grid, height_std_m(run)
     heights_m = terrain.heights_m((0, 0, *grid.shape[::-1]))
-    return Ground(heights_m, grid, std_m if np.isfinite(std_m) else 0.0)
+    std_m = std_m if np.isfinite(std_m) else 0.0
+    return Ground(heights_m, grid, std_m, base_m=terrain.base_m)
 
 
 def with_sides(ground: Ground, mesh: SiteMesh, posed: PosedRun) -> Ground:
@@ -169,7 +170,7 @@ def measured_on_map(
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     spots: list[Spot] = []
     for x_m, y_m, z_m, click_m in wanted.spots:
-        spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_m)
+        spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m - ground.base_m, click_m)
         if spot is None:
             part = (
                 ground.known_area([each[:2] for each in wanted.spots], click_m)
@@ -179,7 +180,7 @@ def measured_on_map(
             return _partly_known(about, part, len(spots) + 1, calibration)
         spots.append(spot)
     if wanted.kind == "point":
-        x_m, y_m, z_m = (float(value) for value in spots[0].point_m)
+        x_m, y_m, z_m = map(float, np.add(spots[0].point_m, (0.0, 0.0, ground.base_m)))
         return Measurement(
             *about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m
         )

@@ -137,7 +137,7 @@ def live(
     report: LoggedReport,
 ) -> None:
     """Correct pairs as they arrive from folders, cameras, ROS 2 topics or a bag; the newest pair
-    comes first. Exit code 3 if pairs failed, none came, or the calibration does not fit most.
+    comes first. Exit code 3 if pairs failed, none came, or ranges or colors are wrong.
     """
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions
@@ -194,7 +194,9 @@ def live(
             f"the ranges of {counted(found.biased, 'pair')} are biased: the calibration does not "
             "fit: run check on some pairs"
         )
-    is_good = not found.failed and not is_biased and (found.done or not found.waiting)
+    output += [f"note: {note}" for note in found.notes]
+    is_wrong = is_biased or found.wrong
+    is_good = not found.failed and not is_wrong and (found.done or not found.waiting)
     report.end(vars(found), lines(*output), EXIT_DONE if is_good else EXIT_SOME_FAILED)
 
 

@@ -24,6 +24,7 @@ from stereo_seecolor.earth import (
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.export import copc_file, mosaic_tiles, stac
 from stereo_seecolor.extras.export.command import export, export_formats
+from stereo_seecolor.extras.reef.measure import measure
 from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.reef.outline_files import read_outlines
 from stereo_seecolor.extras.reef.reef_texts import metrics_text
@@ -291,6 +292,17 @@ def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
     assert item.id == "out" and item.bbox == pytest.approx([152.0, -23.5, 152.0, -23.5], abs=1e-4)
     assert all((tmp_path / "to" / asset.href).is_file() for asset in item.assets.values())
     assert "map/dem.tif" in item.assets and item.common_metadata.start_datetime is not None
+
+
+def test_the_item_of_a_run_named_collection_stays_beside_the_collection(
+    fused: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(fused, tmp_path / "Collection")
+    export(tmp_path / "Collection", "stac", tmp_path / "to")
+    files = {path.name.casefold() for path in (tmp_path / "to").iterdir()}
+    assert files == {"collection.json", "collection_item.json"}
+    (link,) = json.loads((tmp_path / "to/collection.json").read_text())["links"]
+    assert json.loads((tmp_path / "to" / link["href"]).read_text())["id"] == "Collection"
 
 
 def at_the_antimeridian(fused: Path, out: Path) -> Path:
@@ -571,6 +583,23 @@ def test_a_taglab_project_has_colors_and_heights_of_one_size(fused: Path, tmp_pa
     (tmp_path / "drawn.json").write_text(json.dumps(project))
     (outline,) = read_outlines(tmp_path / "drawn.json", open_posed_run(fused))
     assert np.ptp(outline.rings[0], axis=0) == pytest.approx([0.6, 0.6])
+
+
+def test_heights_of_a_map_deep_in_the_sea_keep_their_base(fused: Path, tmp_path: Path) -> None:
+    import rasterio
+
+    shutil.copytree(fused, tmp_path / "deep")
+    with rasterio.open(tmp_path / "deep/map/dem.tif", "r+") as terrain:
+        terrain.offsets = [-1500.0, *terrain.offsets[1:]]
+    export(tmp_path / "deep", "taglab", tmp_path / "to")
+    with rasterio.open(tmp_path / "to/dem.tif") as terrain:
+        assert terrain.offsets == (-1500,)
+    (tmp_path / "points.csv").write_text(
+        "measure,frame,kind,label,x_m,y_m,z_m\n1,,point,,0,0,\n2,,point,,0,0,-1500\n"
+    )
+    alone, given = measure(tmp_path / "deep", tmp_path / "points.csv")
+    assert alone.value == alone.z_m == pytest.approx(-1500, abs=0.01)
+    assert (given.value, given.std) == (-1500, pytest.approx(alone.std, rel=0.1))
 
 
 def test_biigle_gets_a_row_for_each_image(fused: Path, tmp_path: Path) -> None:

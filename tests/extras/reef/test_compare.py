@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from conftest import Cli
 from json_shapes import SHAPES, mismatch
 from mapping_scene import PAIR, ReefFrames, flat_frames, write_map, write_run
 from numpy.typing import NDArray
@@ -364,6 +365,23 @@ def test_the_scale_of_two_surveys_is_known_within_its_error(scale: float) -> Non
     assert abs(np.mean(errors)) < 0.7
 
 
+@pytest.mark.parametrize(("scale", "std", "is_wrong"), [(1.03, 1e-3, True), (0.97, 0.02, False)])
+def test_lengths_that_certainly_differ_by_more_than_2_percent_are_wrong(
+    scale: float,
+    std: float,
+    is_wrong: bool,
+    found: Comparison,
+    cli: Cli,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    T = np.diag([scale, scale, scale, 1])
+    at = replace(found.change.registration, T_a_b=T, scale_std=std)
+    result = replace(found, change=replace(found.change, registration=at))
+    monkeypatch.setattr("stereo_seecolor.extras.reef.compare.compare", lambda *_: result)
+    code, printed, _ = cli("compare", "first", "second")
+    assert ("of the second survey are" in printed, code) == ((True, 3) if is_wrong else (False, 0))
+
+
 @pytest.mark.slow
 def test_a_baseline_that_is_off_is_a_scale_and_no_change(
     dives: tuple[Path, Path, Reef, Reef], second_frames: list[SurveyFrame], tmp_path: Path
@@ -383,7 +401,7 @@ def test_a_baseline_that_is_off_is_a_scale_and_no_change(
     found = compare(dives[0], tmp_path / "second").change
     at = found.registration
     assert 1 / shorter == pytest.approx(at.scale, abs=max(4 * at.scale_std, 2e-4))
-    assert "of the second survey are" in at.scale_note
+    assert "of the second survey are" in at.scale_note and not at.is_wrong
     true = true_change_m(dives, found.before.grid)
     known = np.isfinite(found.difference.dz_m)
     grown = 1000 * found.before.grid.cell_m**2 * true[known & (true > 0)].sum()

@@ -12,11 +12,13 @@ import time
 import tracemalloc
 import urllib.error
 import urllib.request
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event, Timer
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -25,10 +27,14 @@ from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, w
 
 from calibration import CalibrationError
 from calibration.formats import load_rig, write_rig
+from stereo_seecolor.checks import rig as checks_rig
+from stereo_seecolor.checks.changes import DiveChange
+from stereo_seecolor.checks.verdict import RANGES, DiveVerdict
 from stereo_seecolor.color.sharing.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
+from stereo_seecolor.extras.streams.live import command as live_command
 from stereo_seecolor.extras.streams.live import session as live_session
 from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
@@ -189,11 +195,11 @@ def test_the_first_of_each_kind_of_error_and_warning_is_told() -> None:
         if pair.name in ("000001", "000004"):
             raise CalibrationError("the left image is of another size")
         warnings = (f"rows are off by {int(pair.name)}.5 px",) if pair.name > "000001" else ()
-        return Corrected(result=SimpleNamespace(warnings=warnings), pair=pair)
+        return Corrected(result=corrected(warnings, rows_are_off=pair.name == "000002"), pair=pair)
 
     session = LiveSession(Endless(), process, lambda _: None, tell=told.append)
     counts = session.run(lambda counts: counts.done + counts.failed >= 6)
-    assert (counts.done, counts.failed) == (4, 2)
+    assert (counts.done, counts.failed, counts.biased) == (4, 2, 1)
     assert counts.last_error == "000004: the left image is of another size"
     assert told == [
         "a pair failed: 000001: the left image is of another size",
@@ -226,6 +232,64 @@ def test_a_calibration_that_does_not_fit_ends_with_3(incoming, cli, tmp_path) ->
     assert "0000: vertical disparity of" in said
     code, printed, _ = cli("live", *sides, "--calib", dive.root / "cam.yaml")
     assert (code, "biased" in printed) == (0, False)
+
+
+@pytest.mark.slow
+def test_what_single_pairs_do_not_show_is_checked_at_the_end(incoming, cli, monkeypatch) -> None:
+    dive, folder, arrive = incoming
+    checked = []
+
+    def check(_: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
+        checked.extend(pair.name for pair in pairs)
+        return DiveVerdict(("calibration: a yaw",), RANGES)
+
+    monkeypatch.setattr(live_command, "check_processed", check)
+    arrive(0)
+    sides = ("--left", folder / "L", "--right", folder / "R", "--calib", dive.root / "cam.yaml")
+    code, printed, said = cli("live", *sides, "--pairs", 1)
+    assert (code, checked) == (3, ["0000"])
+    assert "note: calibration: a yaw\n" in printed
+    assert "checking the calibration against 1 pair\n" in said
+
+
+def test_pairs_are_checked_from_the_first_that_was_taken_to_the_last(incoming) -> None:
+    _, folder, arrive = incoming
+    for number in (0, 1):
+        arrive(number)
+    source = watch(folder)
+    assert source.still_there() == ()
+    for number in (2, 3):
+        pair = source.newest()
+        assert pair is not None
+        source.take(pair)
+        arrive(number)
+    source.newest()
+    assert [pair.name for pair in source.still_there()] == ["0001", "0002"]
+    (folder / "L/0002.png").unlink()
+    assert source.still_there() == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "is_wrong"),
+    [
+        (DiveChange("sides", is_rigid=False), True),
+        (DiveChange("odd", frozenset("a")), True),
+        (DiveChange(), False),
+    ],
+)
+def test_pairs_that_run_would_refuse_or_leave_out_are_wrong(
+    change: DiveChange, is_wrong: bool, monkeypatch
+) -> None:
+    def check_rig(*_: Any) -> DiveVerdict:
+        if not change.is_rigid:
+            raise InputError(change.line)
+        return DiveVerdict()
+
+    monkeypatch.setattr(checks_rig, "find_change", lambda *_: change)
+    monkeypatch.setattr(checks_rig, "check_rig", check_rig)
+    found = checks_rig.check_processed(MagicMock(), ())
+    assert found.wrong == (RANGES if is_wrong else frozenset())
+    assert found.notes == (() if change.is_rigid else ("calibration: sides",))
 
 
 @pytest.mark.slow
@@ -318,13 +382,21 @@ class Endless:
     def take(self, pair: Pair) -> None:
         self.number += 1
 
+    def still_there(self) -> tuple[Pair, ...]:
+        return ()
+
+
+def corrected(warnings: tuple[str, ...] = (), rows_are_off: bool = False) -> SimpleNamespace:
+    range_map = SimpleNamespace(rows_are_off=rows_are_off)
+    return SimpleNamespace(warnings=warnings, range_map=range_map)
+
 
 @dataclass
 class Corrected:
     """What a session needs of a corrected pair."""
 
     reduced: str = ""
-    result: Any = field(default_factory=lambda: SimpleNamespace(warnings=()))
+    result: Any = field(default_factory=lambda: corrected())
     pair: Pair | None = None
 
 
@@ -542,6 +614,7 @@ def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
             played.take(pair)
     assert taken == [(0, 0.0), (1, 0.01), (3, 0.01)]
     assert (played.dropped, played.ended) == (1, True)
+    assert list(played.still_there()) == list(pairing.pairs)
     assert source_of(str(bag)) == ("", "", bag)
     code, printed, said = cli("live", "--source", bag)
     assert code == 0, said

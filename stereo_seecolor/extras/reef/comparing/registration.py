@@ -31,6 +31,7 @@ class RegistrationSettings:
     # of the ground over both must fit: what moved cannot be told from what did not otherwise
     stable: float = 0.5
     scale_sigmas: float = 4.0  # beyond which the scales of the two surveys differ
+    wrong_scale: float = 0.02  # beyond which they do not only differ: one is wrong, as for check
 
 
 SETTINGS = RegistrationSettings()
@@ -74,6 +75,11 @@ class Registration:
             "of them is off; the second was scaled to the first: if the first is the wrong one, "
             f"all areas are off by {abs(2 * off):.1%} and all liters by {abs(3 * off):.1%}"
         )
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether lengths of one of the two surveys are off by more than ``check`` accepts."""
+        return bool(self.scale_note) and abs(self.scale - 1) > SETTINGS.wrong_scale
 
     def std_m(self, points_m: Array, slopes: Array) -> Array:
         """(...,) standard error of the height over a place, through the registration alone, of

@@ -1,12 +1,16 @@
 """``live``: correct pairs as they arrive."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.errors import SizeMissingError
+from calibration.errors import SizeMissingError, counted
 from calibration.formats import load_rig, load_rig_of_images
+from stereo_seecolor.checks.dive import IMAGE_CHECKS
+from stereo_seecolor.checks.rig import check_processed
+from stereo_seecolor.checks.sample import DiveImages
+from stereo_seecolor.checks.verdict import NOTHING_FOUND, DiveVerdict, verdict_of
 from stereo_seecolor.commands.rig_loading import behind_port
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
@@ -25,7 +29,9 @@ from stereo_seecolor.extras.streams.live.session import (
 )
 from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.extras.streams.mcap_recording import McapRecording
+from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.records import Numbers
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,8 @@ class LiveResult:
     """Numbers of a live session. done, failed: pairs. biased: of the done ones, those whose rows
     are off, so that the calibration does not fit. dropped: left images skipped for newer ones.
     reduced: what was left out of the last pair to save time, "" for nothing. waiting: what was
-    waited for at the end, "" for nothing.
+    waited for at the end, "" for nothing. notes: of the checks of run, on all pairs together at the
+    end, if they can be read again; wrong: the numbers that these find wrong.
 
     latency: seconds from arrival of a pair to its corrected image. products: until all its products
     are written. Both None before the first pair.
@@ -50,6 +57,8 @@ class LiveResult:
     latency_p95_s: float | None
     products_median_s: float | None
     products_p95_s: float | None
+    notes: tuple[str, ...]
+    wrong: tuple[Numbers, ...]
 
 
 @dataclass(frozen=True)
@@ -140,8 +149,18 @@ def live(
             return options.pairs is not None and counts.done + counts.failed >= options.pairs
 
         LiveSession(source, processor.process, finish, counts, options.announce).run(is_enough)
-    facts = counts.facts()
+    found = NOTHING_FOUND
+    if counts.done and (pairs := source.still_there()):
+        options.announce(f"checking the calibration against {counted(len(pairs), 'pair')}")
+        found = _checked(pipeline, pairs)
+    facts = counts.facts() | {"notes": found.notes, "wrong": tuple(sorted(found.wrong))}
     return LiveResult(**{name: facts[name] for name in LiveResult.__dataclass_fields__})
+
+
+def _checked(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
+    """What ``run`` asks all pairs of a dive, which no single pair shows."""
+    of_images = verdict_of(IMAGE_CHECKS, DiveImages.with_colors(pairs, pipeline.config))
+    return check_processed(pipeline, pairs).after(of_images)
 
 
 def _made(

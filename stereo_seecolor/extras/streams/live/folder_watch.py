@@ -15,6 +15,7 @@ from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.listing import EXTENSIONS
 from stereo_seecolor.inputs.pairing import Pair, pair_files
@@ -89,6 +90,8 @@ class FolderWatch:
         self._left, self._right = _Side(left), _Side(right)
         self._config = config
         self._alone: tuple[list[Path], list[Path], str] = ([], [], "")
+        self._first: Path | None = None
+        self._last: Path | None = None
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None.
@@ -138,8 +141,19 @@ class FolderWatch:
 
     def take(self, pair: Pair) -> None:
         """Mark this pair and all before it as done."""
+        self._first, self._last = self._first or pair.left, pair.left
         self.dropped += self._left.take(pair.left)
         self._right.take(pair.right)
+
+    def still_there(self) -> Sequence[Pair]:
+        """The pairs from the first that was taken to the last, without files that were removed."""
+        try:
+            pairs = pair_sides(self._left.folder, self._right.folder, self._config).pairs
+        except InputError:
+            return ()
+        lefts = [pair.left for pair in pairs]
+        first = lefts.index(self._first) if self._first in lefts else 0
+        return pairs[first : lefts.index(self._last) + 1] if self._last in lefts else ()
 
     @property
     def ended(self) -> bool:

@@ -2,7 +2,7 @@
 
 import time
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
@@ -35,6 +35,7 @@ class PlayedBag:
         self._pairs, self._clock, self._config = pairing.pairs, clock, config
         self._arrivals_s = [time_s - times[0] for time_s in times]
         self._began_s: float | None = None
+        self._first: int | None = None
         self._next = 0
 
     @property
@@ -56,8 +57,13 @@ class PlayedBag:
     def take(self, pair: Pair) -> None:
         """Mark this pair and all before it as done."""
         number = self._pairs.index(pair)
+        self._first = number if self._first is None else self._first
         self.dropped += number - self._next
         self._next = number + 1
+
+    def still_there(self) -> Sequence[Pair]:
+        """The pairs from the first that was taken to the last."""
+        return self._pairs[self._first or 0 : self._next]
 
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the pair arrived."""

@@ -7,7 +7,7 @@ pair is corrected.
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -19,7 +19,6 @@ from stereo_seecolor.compute.background import WorkBehind
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.matching.diagnostics import BIASED
 from stereo_seecolor.records import StereoFrame
 from stereo_seecolor.run_folder.frame_table import kind_of
 
@@ -58,6 +57,9 @@ class LiveSource(Protocol):
 
     def take(self, pair: Pair) -> None:
         """Mark this pair and all before it as done."""
+
+    def still_there(self) -> Sequence[Pair]:
+        """The pairs from the first that was taken to the last, if they can be read again."""
 
     @property
     def ended(self) -> bool:
@@ -194,7 +196,7 @@ class LiveSession:
     def _corrected(self, frame: LiveFrame, arrived_s: float) -> None:
         self.counts.images_s.append(time.monotonic() - arrived_s)
         self.counts.done += 1
-        self.counts.biased += any(text.endswith(BIASED) for text in frame.result.warnings)
+        self.counts.biased += frame.result.range_map.rows_are_off
         for warning in frame.result.warnings:
             self._tell_first(f"{frame.pair.name}: {warning}")
         self.counts.reduced = frame.reduced

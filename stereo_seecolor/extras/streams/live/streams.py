@@ -125,6 +125,10 @@ class StreamPairs:
         self.dropped += max(0, received - self._counted - 1)
         self._counted, self._taken_s = received, self._offered[0].arrived_s
 
+    def still_there(self) -> tuple[Pair, ...]:
+        """None: a stream keeps only its last images."""
+        return ()
+
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the later image of the pair that was offered last arrived."""
         return (

@@ -1,6 +1,6 @@
 """Choice of the frames that make a dive, of two videos or of one that shows both sides."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from calibration import StereoRig
 from calibration.errors import counted
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.extras.streams.videos.frame_moments import frames_of_equal_moments
 from stereo_seecolor.extras.streams.videos.lags import LIMITS, Lag
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.row_lag import Pairs
 from stereo_seecolor.extras.streams.videos.synchronization import VideoSync, paired, synchronize
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
+from stereo_seecolor.records import Numbers
 
 BLURRED = 0.7
 """Of the usual sharpness around a frame: motion blur of 2 px takes a third of the steps from pixel
@@ -29,11 +31,14 @@ SAME_RATE = 0.005
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Numbers of the frames that are pairs, left ones rising. notes: how it was decided."""
+    """Numbers of the frames that are pairs, left ones rising. notes: how it was decided. wrong: the
+    numbers of a run that are wrong, since it is not known which frames are pairs.
+    """
 
     left: tuple[int, ...]
     right: tuple[int, ...]
     notes: tuple[str, ...] = ()
+    wrong: tuple[Numbers, ...] = ()
 
 
 def choose_frames(
@@ -52,18 +57,23 @@ def choose_frames(
     notes: tuple[str, ...] = ()
     if left != right:
         try:
-            found = _synchronized(left, right, config.video_offset_s, rig)
+            synchronized = _synchronized(left, right, config.video_offset_s, rig)
         except NoEvidence as error:
             if abs(files[0].index.frame_s / files[1].index.frame_s - 1) > SAME_RATE:
                 raise
             notes = (f"frames of the same number are paired: {error}",)
+            if error.signals:
+                found = frames_of_equal_moments((left.name, right.name), error.signals)
+                notes = (*notes, *found.notes)
+                chosen = _chosen(found.pairs, error.signals, files, config, notes)
+                return replace(chosen, wrong=("ranges",) if found.is_wrong else ())
         else:
             return _chosen(
-                found.pairs,
-                found.signals,
+                synchronized.pairs,
+                synchronized.signals,
                 files,
                 config,
-                (f"{left.name} and {right.name}: {found.text}",),
+                (f"{left.name} and {right.name}: {synchronized.text}",),
             )
     if config.video_overlap is None and not config.video_skip_blurred:
         numbers = tuple(range(0, min(len(file.index.pts) for file in files), config.video_every))

@@ -17,7 +17,11 @@ MotionArray = NDArray[np.float64]
 
 
 class NoEvidence(InputError):
-    """There is no evidence for the offset between the clocks of two videos."""
+    """There is no evidence for the offset between the clocks of two videos. signals: of both, if
+    they have some.
+    """
+
+    signals: "tuple[VideoSignals, VideoSignals] | None" = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,8 @@ class Videos:
             raise InputError(f"{self.left} and {self.right}: their frames form no pairs")
         files = [video_file(path) for path in dict.fromkeys((self.left, self.right))]
         notes = (note for file in files for note in file.notes)
-        wrong = frozenset[Numbers](["colors"] if files[0].other_colors else [])
+        colors: list[Numbers] = ["colors"] if files[0].other_colors else []
+        wrong = frozenset[Numbers]([*choice.wrong, *colors])
         return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes), wrong=wrong)
 
 
@@ -95,7 +96,12 @@ def video_pairing(
     if choice is None:
         choice = videos.choice(images, rig)
         write_atomic(file, json.dumps({"key": key, **asdict(choice)}).encode())
-    return videos.pairing(choice)
+    pairing = videos.pairing(choice)
+    if rig is None:
+        return pairing
+    sides = {left: rig.left, right: rig.right} if left != right else {left: rig.left}
+    notes = (video_file(path).other_pixels(camera.K) for path, camera in sides.items())
+    return pairing.with_notes(tuple(note for note in notes if note))
 
 
 def _kept(file: Path, key: str) -> FrameChoice | None:
