@@ -99,3 +99,8 @@ def odd_line(first: str, last: str) -> str:
         "same moment: not used for the refined rig, the light and the water; remove them, or "
         "process them separately"
     )
+
+
+def shifted_line(first: str, last: str, shift: str) -> str:
+    """Write the line for pairs that are out of step, the first and the last: by what shift."""
+    return f"{_named(first, last)}: {shift}"

@@ -22,6 +22,7 @@ from stereo_seecolor.checks.change_texts import (
     each_line,
     exchanged_line,
     odd_line,
+    shifted_line,
     step_line,
 )
 from stereo_seecolor.checks.neighbors import constant_shift, neighbor_that_fits
@@ -160,9 +161,7 @@ def _find_change(
             lambda i: changed(i, reference),
         )
         lines = [
-            exchanged_line(pairs[first].name, pairs[last].name)
-            if _are_exchanged(rectification, pairs[first], images, reference)
-            else odd_line(pairs[first].name, pairs[last].name)
+            _part_line(rectification, pairs[first : last + 1], images, reference)
             for first, last in parts
         ]
         odd = {pairs[i].name for first, last in parts for i in range(first, last + 1)}
@@ -189,8 +188,20 @@ def _slip(
     first = edge(0, len(pairs) - (len(last) + 1) // 2, lambda place: shift_at(place) != 0)
     # the first left images whose right ones are lost fit none
     slipped = pairs[first + min(shift_at(first), 0) :]
-    line = f"from {slipped[0].name} to {slipped[-1].name}: {shift}"
+    line = shifted_line(slipped[0].name, slipped[-1].name, shift)
     return DiveChange(line, frozenset(pair.name for pair in slipped))
+
+
+def _part_line(
+    rectification: Rectification, part: Sequence[Pair], images: InputConfig, reference: PairRows
+) -> str:
+    """What is wrong with the pairs of a part that do not fit the rig of ``reference``."""
+    first, last = part[0].name, part[-1].name
+    if _are_exchanged(rectification, part[0], images, reference):
+        return exchanged_line(first, last)
+    if shift := constant_shift(part, rectification, images):
+        return shifted_line(first, last, shift)
+    return odd_line(first, last)
 
 
 def _odd_parts(

@@ -103,7 +103,7 @@ def constant_shift(pairs: Sequence[Pair], rectification: Rectification, config: 
         )
     return (
         f"left and right are {counted(abs(shifts.pop()), 'image')} out of synchronization: "
-        f"{example}, the same in {counted(len(sample), 'pair')} over the dive: number both sides "
+        f"{example}, the same in {counted(len(sample), 'pair')}: number both sides "
         "equally, or correct the clock in the names of one side (for videos: input.video_offset_s)"
     )
 

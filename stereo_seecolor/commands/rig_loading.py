@@ -64,7 +64,8 @@ def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
         folder = pair.left.parents[2]
         raise InputError(
             f"{folder}: is given as --left and --right, but its images show one side each: give "
-            "the folder of the other side as --right"
+            "the folder of the other side as --right; if this folder holds both sides, "
+            f"stereo-seecolor inspect {folder} finds a pattern for each"
         )
 
 

@@ -16,13 +16,16 @@ from stereo_seecolor.files.atomic import output_errors, remove, temporaries_of, 
 fcntl: Any = None if os.name == "nt" else import_module("fcntl")
 
 
-def refuse_existing(*files: Path) -> None:
-    """Raise OutputError if one of ``files`` exists: it may be the user's only calibration."""
+def refuse_existing(*files: Path, option: str = "") -> None:
+    """Raise OutputError if one of ``files`` exists: it may be the user's only calibration. option:
+    that names another file, of a file that has a default name.
+    """
+    by = f" by {option}" if option else ""
     for file in files:
         if file.exists() or file.is_symlink():
             raise OutputError(
-                f"{file}: already exists, and is not overwritten: give another name; nothing was "
-                "changed"
+                f"{file}: already exists, and is not overwritten: give another name{by}; nothing "
+                "was changed"
             )
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.files.color_spaces import SPACES
 from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.overview import CHANNELS, rugosity_texts
@@ -80,17 +81,12 @@ def _methods_of_response(facts: DiveFacts) -> list[str]:
 
 
 def _methods_of_white(facts: DiveFacts) -> list[str]:
-    """How the white point was found, with its standard error where that is known: the largest of
-    the three channels'.
-    """
+    """How the white point was found, with its standard errors where they are known."""
     robust = facts.run.config.color.robust
     if robust.fits_white:
-        errors = facts.water.standard_errors.get("white") if facts.water else None
-        known = facts.water is not None and errors is not None and bool(np.isfinite(errors).all())
-        percent = (
-            f"{np.max(np.asarray(errors) / facts.water.white):.0%}" if known and facts.water else ""
-        )
-        said = phrase("methods.white_error", percent=percent) if known else ""
+        red, blue = white_errors(facts.water) if facts.water else (np.nan, np.nan)
+        known = np.isfinite([red, blue]).all()
+        said = phrase("methods.white_error", red=f"{red:.0%}", blue=f"{blue:.0%}") if known else ""
         return [phrase(f"methods.white.{robust.white_point}") + said + "."]
     return [
         phrase("methods.white.none" if robust.white_point == "none" else "methods.white.given")

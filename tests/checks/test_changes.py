@@ -118,12 +118,14 @@ def test_one_pair_of_another_rig_is_left_out_alone(cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("changes", [Changes("each"), Changes("odd", odd=(3, 4, 5, 6, 7))])
 def test_pairs_after_a_lost_image_are_out_of_step_and_not_stabilized(
-    make_dive, monkeypatch: pytest.MonkeyPatch
+    make_dive, monkeypatch: pytest.MonkeyPatch, changes: Changes
 ) -> None:
-    """Where neighbors overlap, rows of such pairs differ from one to the next."""
-    monkeypatch.setattr("stereo_seecolor.checks.changes.look_at_all", lambda *_: [])
-    monkeypatch.setattr("stereo_seecolor.checks.changes.changes_of", lambda _: Changes("each"))
+    """Where neighbors overlap, rows of such pairs differ from one to the next, and from others."""
+    rows = [object()] * 3 + [None] * 5
+    monkeypatch.setattr("stereo_seecolor.checks.changes.look_at_all", lambda *_: rows)
+    monkeypatch.setattr("stereo_seecolor.checks.changes.changes_of", lambda _: changes)
     dive = make_dive(9)
     lefts, rights = (sorted((dive.root / side).iterdir()) for side in "LR")
     sides = zip(lefts, rights[:3] + rights[4:], strict=False)

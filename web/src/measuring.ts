@@ -1,7 +1,7 @@
 // Measuring in a frame: points are clicked on the picture, dragged, and listed with what they measure.
 
 import type { Dive, Text } from "./dive";
-import { button, Choice, DoublePress, element } from "./elements";
+import { button, Choice, DoublePress, element, withError } from "./elements";
 import { alongSurface, lengthAlong, nearer, offInFrame, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
 import type { Kind, Measure, Measures } from "./measures";
 import type { MeasureTable } from "./measuretable";
@@ -192,7 +192,7 @@ export class Measuring {
   private sayUnder([x, y]: [number, number]): void {
     const found = this.data ? pick(this.data, this.geometry, x, y) : null;
     this.said.textContent = found
-      ? this.text("view.cursor", { range: rangeOf(found).value.toFixed(3), std: (1000 * totalStd(rangeOf(found), this.dive.calibration_std)).toFixed(1) })
+      ? `${withError(rangeOf(found).value, totalStd(rangeOf(found), this.dive.calibration_std))} m`
       : this.text("view.unknown");
   }
 

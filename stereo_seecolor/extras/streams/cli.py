@@ -110,7 +110,13 @@ Port = Annotated[
     ),
 ]
 Pairs = Annotated[
-    int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: run until Ctrl-C.", min=1)
+    int | None,
+    opt.option(
+        "--pairs",
+        "N",
+        "Stop after N pairs; skipped ones do not count. Default: run until Ctrl-C.",
+        min=1,
+    ),
 ]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from stereo_seecolor.cli.text import table
 from stereo_seecolor.config.file import load_config
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.evaluation.baselines import OURS
 from stereo_seecolor.extras.evaluation.charts.chart_spread import seen_chart, spread_over_charts
 from stereo_seecolor.extras.evaluation.charts.chart_types import CLASSIC
@@ -175,6 +175,12 @@ def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(
 
 
 @pytest.mark.slow
+def test_a_sheet_that_exists_stays_and_its_option_is_named(tmp_path: Path) -> None:
+    (tmp_path / "charts.png").touch()
+    with pytest.raises(OutputError, match="give another name by --sheet; nothing was changed"):
+        evaluate_charts(tmp_path, tmp_path, sheet=tmp_path / "charts.png")
+
+
 def test_a_method_has_one_column_of_the_sheet(folders: tuple[Path, Path], tmp_path: Path) -> None:
     for tool, names in (("dark", "b"), ("copy", "ab")):
         (tmp_path / tool).mkdir()

@@ -19,6 +19,7 @@ from json_shapes import SHAPES, mismatch
 from mapping_scene import flat_frames, write_map
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.white_point import white_doubt
 from stereo_seecolor.earth import degrees_from_north_east
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.extras.reef.colony import Colony, ColonySize, measure_outlines
@@ -678,6 +679,8 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area_and_one_rugosity
     rugosity = f"{scale.mean.rugosity_area:.2f} ± {scale.standard_error.rugosity_area:.2f}"
     assert f"{rugosity} (standard error)" in methods(facts)
     assert any(fact.value.startswith(rugosity) for fact in dive_facts(facts))
+    white = re.search(r"\(standard error of red over green .*?\)", methods(facts))
+    assert white and facts.water and white[0] in white_doubt(facts.water)
     said = digits(made.area_m2)
     assert f"{said} m² of reef" in methods(facts)
     assert phrase("unit.m2", value=said) in {fact.value for fact in dive_facts(facts)}

@@ -104,7 +104,7 @@ def evaluate_charts(
     Raises InputError, also where there is no target; OutputError.
     """
     if sheet:
-        refuse_existing(sheet)
+        refuse_existing(sheet, option="--sheet")
     config, results = config or RunConfig(), OtherResults.of(others)
     given = read_targets(targets) if targets else {}
     pairs = pair_by_stem(images, ranges).pairs
