@@ -52,7 +52,7 @@ def assign(index: FrameIndex, trajectory: Trajectory) -> Assignment:
     """
     by_stem = _places(trajectory.names, lambda name: [stem_of_path(name)])
     for by_key in (by_stem, _places(trajectory.names, folder_keys)):
-        if by_key.keys() & {stem_of_path(name) for name in index.names}:
+        if by_key and by_key.keys() & {stem_of_path(name) for name in index.names}:
             return _by_name(index, trajectory, by_key)
     if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
         by_number = _by_image_number(index, trajectory)
@@ -75,8 +75,12 @@ def assign(index: FrameIndex, trajectory: Trajectory) -> Assignment:
 
 
 def _places(names: Sequence[str], keys_of: Callable[[str], Sequence[str]]) -> dict[str, list[int]]:
-    """Which of the names have a key, by the key."""
+    """Which of the names have a key, by the key. Where the clock is searched, a thousand times for
+    poses without names: reading these as paths would take most of the time.
+    """
     places: dict[str, list[int]] = {}
+    if not any(names):
+        return places
     for i, name in enumerate(names):
         for key in filter(None, keys_of(name)):
             places.setdefault(key, []).append(i)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,7 @@ def of_other_clocks(
         moved = replace(own, timestamps_s=own.timestamps_s + differ_s)
         return assign(index, moved).T_world_camera
 
+    @cache
     def cost(begin_s: float, end_s: float) -> float:
         T = poses(begin_s, end_s)
         posed = np.isfinite(T).all(axis=(1, 2))

@@ -33,7 +33,8 @@ class Motions:
     @classmethod
     def of(cls, T_world_camera: Array, edges: Sequence[Edge]) -> "Motions":
         """The edges whose frames both have a pose."""
-        posed = [e for e in edges if np.isfinite(T_world_camera[[e.i, e.j]]).all()]
+        known = np.asarray(np.isfinite(T_world_camera).all(axis=(1, 2))).tolist()
+        posed = [e for e in edges if known[e.i] and known[e.j]]
         i, j = [e.i for e in posed], [e.j for e in posed]
         measured = np.array([e.T_i_j for e in posed]).reshape(-1, 4, 4)
         return cls(inverse(T_world_camera[i]) @ T_world_camera[j], measured, posed)
