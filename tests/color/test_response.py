@@ -259,7 +259,7 @@ def veiled() -> list[Image]:
         pairs=6, lines=1, image_size=(320, 256), altitude_m=(1.2, 1.4), water="turbid", bits=16
     )
     scene = Scene.from_spec(spec)
-    return [scene.render(index).frame.left for index in range(spec.pairs)]
+    return [scene.photograph(index).left for index in range(spec.pairs)]
 
 
 @pytest.mark.slow
