@@ -413,31 +413,43 @@ def write_dive(root: Path, pairs: int = 3, seed: int = 0, dtype: type = np.uint8
     T[0, 3] = -BASELINE_M
     camera = Camera(K, np.zeros(0), (WIDTH, HEIGHT))
     native.write(StereoRig(camera, camera, T), root / "cam.yaml")
+    for i in range(pairs):
+        for side, image in zip("LR", _pictures(seed * 1000 + i, dtype), strict=True):
+            (root / side / f"{i:04d}.png").write_bytes(image)
+    return Dive(root, _slope_m()[1].copy())
+
+
+@cache
+def _slope_m() -> tuple[np.ndarray, np.ndarray]:
+    """Depth and range of the slope of all dives."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
     depth_m = np.linspace(2, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones((1, WIDTH), np.float32)
     ray = np.sqrt(1 + ((x - WIDTH / 2) / FOCAL_PX) ** 2 + ((y - HEIGHT / 2) / FOCAL_PX) ** 2)
-    range_m = depth_m * ray
-    for i in range(pairs):
-        rng = np.random.default_rng(seed * 1000 + i)
-        texture = cv2.GaussianBlur(
-            rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8
+    return depth_m, depth_m * ray
+
+
+@cache
+def _pictures(seed: int, dtype: type) -> list[bytes]:
+    """The left and the right image of a pair of such a dive, as PNG files."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    depth_m, range_m = _slope_m()
+    rng = np.random.default_rng(seed)
+    texture = cv2.GaussianBlur(
+        rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8
+    )
+    reef = np.clip(texture * 2 - 0.6, 0, 1)
+    attenuation = np.exp(-range_m[..., None] * np.array([0.5, 0.1, 0.15]))
+    pictures = []
+    for shift in (1, 0):
+        image = cv2.remap(
+            reef,
+            x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m,
+            y,
+            cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REFLECT,
         )
-        reef = np.clip(texture * 2 - 0.6, 0, 1)
-        seen = [
-            cv2.remap(
-                reef,
-                x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m,
-                y,
-                cv2.INTER_CUBIC,
-                borderMode=cv2.BORDER_REFLECT,
-            )
-            for shift in (1, 0)
-        ]
-        attenuation = np.exp(-range_m[..., None] * np.array([0.5, 0.1, 0.15]))
-        for side, image in zip("LR", seen, strict=True):
-            water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
-            full = np.iinfo(dtype).max
-            cv2.imwrite(
-                str(root / side / f"{i:04d}.png"), np.round(water * full).astype(dtype)[..., ::-1]
-            )
-    return Dive(root, range_m)
+        water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
+        full = np.iinfo(dtype).max
+        encoded = cv2.imencode(".png", np.round(water * full).astype(dtype)[..., ::-1])[1]
+        pictures.append(encoded.tobytes())
+    return pictures
