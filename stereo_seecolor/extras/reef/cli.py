@@ -76,7 +76,7 @@ def compare(
     report: BareReport,
 ) -> None:
     """Detect changes between two fused runs of one site: growth, loss and color, with standard
-    errors; exit code 3 if the lengths of the two differ by more than 2 %.
+    errors; exit code 3 if lengths of the two differ by more than 2 %, or positions by 100 m.
     """
     from stereo_seecolor.extras.reef.compare import compare as compare_runs
     from stereo_seecolor.extras.reef.comparing.change_files import description
@@ -88,8 +88,9 @@ def compare(
         description(found.change)
         | {"joint": bent}
         | {"first": first, "second": second, "patches": found.change.patches}
+        | {"position_note": found.position_note}
     )
-    code = EXIT_SOME_FAILED if found.change.registration.is_wrong else EXIT_DONE
+    code = EXIT_SOME_FAILED if found.is_wrong else EXIT_DONE
     report.end({**content, "files": found.files}, comparison_text(found), code)
 
 

@@ -42,6 +42,7 @@ from stereo_seecolor.extras.reef.comparing.difference import (
 )
 from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
+from stereo_seecolor.extras.reef.comparing.positions import position_note
 from stereo_seecolor.extras.reef.comparing.ransac import similarity_fit
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
@@ -53,7 +54,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.records import GeoOrigin, SurveyFrame
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 Array = NDArray[np.float64]
@@ -363,6 +364,29 @@ def test_the_scale_of_two_surveys_is_known_within_its_error(scale: float) -> Non
         errors.append((scale_of(fit.T) - scale) / fit.scale_std)
     assert np.sqrt(np.mean(np.square(errors))) < 1.5
     assert abs(np.mean(errors)) < 0.7
+
+
+@pytest.mark.parametrize(
+    ("longitude_deg", "deep_m", "apart"),
+    [(152.0, 0.0, ""), (152.0, 1500.0, "1.5 km"), (-152.0, 0.0, "5,4"), (None, 0.0, "")],
+)
+def test_navigation_that_puts_the_same_ground_elsewhere_is_wrong(
+    found: Comparison,
+    dives: tuple[Path, Path, Reef, Reef],
+    longitude_deg: float | None,
+    deep_m: float,
+    apart: str,
+) -> None:
+    first, second = (open_site(out).posed for out in dives[:2])
+    T = found.change.registration.T_a_b
+
+    def placed(posed: PosedRun, longitude_deg: float | None, up_m: float) -> PosedRun:
+        origin = None if longitude_deg is None else GeoOrigin(-23.5, longitude_deg)
+        offset_m = [*posed.map.offset_m[:2], posed.map.offset_m[2] + up_m]
+        return replace(posed, map=replace(posed.map, origin=origin, offset_m=offset_m))
+
+    note = position_note(placed(first, 152.0, 0.0), placed(second, longitude_deg, -deep_m), T)
+    assert (f"the same ground {apart}" in note) if apart else not note
 
 
 @pytest.mark.parametrize(("scale", "std", "is_wrong"), [(1.03, 1e-3, True), (0.97, 0.02, False)])
