@@ -395,6 +395,7 @@ def test_lengths_that_certainly_differ_by_more_than_2_percent_are_wrong(
     std: float,
     is_wrong: bool,
     found: Comparison,
+    dives: tuple[Path, Path, Reef, Reef],
     cli: Cli,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -402,7 +403,7 @@ def test_lengths_that_certainly_differ_by_more_than_2_percent_are_wrong(
     at = replace(found.change.registration, T_a_b=T, scale_std=std)
     result = replace(found, change=replace(found.change, registration=at))
     monkeypatch.setattr("stereo_seecolor.extras.reef.compare.compare", lambda *_: result)
-    code, printed, _ = cli("compare", "first", "second")
+    code, printed, _ = cli("compare", *dives[:2])
     assert ("of the second survey are" in printed, code) == ((True, 3) if is_wrong else (False, 0))
 
 
