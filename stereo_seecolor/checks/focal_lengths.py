@@ -5,6 +5,7 @@ another one. Zoomed alike, two cameras keep their rows, and no pixel shows it.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from calibration import StereoRig
 from stereo_seecolor.checks.exif_heads import LOOKED_AT, exif_head
 from stereo_seecolor.checks.sample import DiveImages, ends_of_part, evenly_spaced
 from stereo_seecolor.checks.verdict import RANGES, DiveVerdict
@@ -38,6 +39,21 @@ def changed_focal_lengths(images: DiveImages) -> DiveVerdict:
         sides.setdefault(change, []).append(side)
     notes = tuple(_note(images.pairs, change, of) for change, of in sides.items())
     return DiveVerdict(notes, RANGES if len(changes) == 2 else frozenset())
+
+
+def stated_of_sides(pairs: Sequence[Pair], rig: StereoRig) -> str:
+    """A note where EXIF of the two sides states another ratio of their focal lengths than the
+    calibration has. For images that contradict it: sensors of two sizes have other ratios, too.
+    """
+    left, right = (exif_head(path).focal_mm for path in (pairs[0].left, pairs[0].right))
+    calibrated = rig.left.K[0, 0] / rig.right.K[0, 0]
+    if not left or not right or abs(left / right / calibrated - 1) <= LEAST:
+        return ""
+    return (
+        f"input: EXIF states focal lengths of {left:g} mm (left) and {right:g} mm (right), "
+        f"{left / right:.3g} to 1, and in the calibration they are {calibrated:.3g} to 1: is a "
+        "lens zoomed otherwise than when it was calibrated?"
+    )
 
 
 def _change(pairs: Sequence[Pair], side: str) -> _Change | None:

@@ -23,6 +23,7 @@ from calibration.verification.motion_result import LIMITS
 from calibration.verification.quick_check import quick_check
 from calibration.verification.rigid_motion import SeenTwice
 from stereo_seecolor.checks.changes import COMPARED, DiveChange, find_change
+from stereo_seecolor.checks.focal_lengths import stated_of_sides
 from stereo_seecolor.checks.neighbors import constant_shift
 from stereo_seecolor.checks.range_limits import range_limits
 from stereo_seecolor.checks.sample import (
@@ -112,8 +113,9 @@ def _full_check(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -
     rig, images = pipeline.rig, pipeline.config.input
     found = matches_of(pipeline.rectification, evenly_spaced(pairs, COMPARED), images)
     judged = judge_rig(rig, list(found.matches.values()), pairs, images, change)
+    stated = stated_of_sides(pairs, rig)
     if judged.refusal:
-        raise InputError(judged.refusal)
+        raise InputError("; ".join(filter(None, (judged.refusal, stated))))
     rows = judged.with_motion(rig, list(found.matches.values()), pairs, images).rows
     if rows is None and not change.is_rigid:
         return DiveVerdict((f"calibration: {change.line}",), RANGES)
@@ -122,8 +124,9 @@ def _full_check(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -
     if not replace(rows, odd="").advice:
         return DiveVerdict(measured=rows.measured)
     refine = " (stereo-seecolor run --refine)" if rows.has_moved else ""
+    advice = f"calibration: {'; '.join(replace(rows, odd='').advice)}{refine}"
     return DiveVerdict(
-        (f"calibration: {'; '.join(replace(rows, odd='').advice)}{refine}",),
+        (advice, stated) if stated and rows.ranges_are_wrong else (advice,),
         RANGES if rows.ranges_are_wrong else frozenset(),
         rows.measured,
     )

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ import typer
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED, is_known, message_of
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.output import write_error, write_out
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.errors import ClusterError, SeeColorError
 from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.plugins import added, load
 
@@ -110,11 +110,22 @@ class Report:
         if not self.as_json:
             write_out(text)
 
-    def end(self, content: Mapping[str, Any], text: str, exit_code: int = EXIT_DONE) -> NoReturn:
+    def end(
+        self,
+        content: Mapping[str, Any],
+        text: str,
+        exit_code: int = EXIT_DONE,
+        runs: Sequence[Path] = (),
+    ) -> NoReturn:
         """Print the result, as JSON with --json, and end the command. The exit code says so if the
-        log was not written to its end.
+        log was not written to its end, or if a check found numbers of the finished ``runs`` wrong,
+        which the result is made of.
         """
-        exit_code = exit_code or (EXIT_SOME_FAILED if self.unwritten else EXIT_DONE)
+        problems = [line for out in runs if (line := _wrong_line(out))]
+        for line in problems:
+            log.warning(line)
+            write_error(f"note: {line}\n")
+        exit_code = exit_code or (EXIT_SOME_FAILED if self.unwritten or problems else EXIT_DONE)
         write_out(
             json_line({"command": self.command, "exit_code": exit_code, **content})
             if self.as_json
@@ -160,3 +171,16 @@ class BareReport(Report):
     progress: ProgressKind = field(default="auto", init=False)
     verbose: bool = field(default=False, init=False)
     log_file: Path | None = field(default=None, init=False)
+
+
+def _wrong_line(out: Path) -> str:
+    """What the checks of a finished run found wrong, and why; "" for nothing."""
+    from stereo_seecolor.run_folder.finished_run import open_run
+
+    try:
+        run = open_run(out)
+    except SeeColorError:  # of which the command made its result before
+        return ""
+    causes = (note for note in run.totals["notes"] if note.startswith(("calibration: ", "input: ")))
+    what = " and ".join(sorted(run.wrong))
+    return f"{out}: {what} are wrong: {next(causes, 'see the notes in run.json')}" if what else ""

@@ -29,7 +29,7 @@ def fuse(
         made = fuse_frames(out, poses, settings.load(run=out), listener, compute)
         page = write_page(out, listener).page
     text = map_text(made) + page_text(page)
-    report.end({"out": out, "page": page, "map": made}, text, map_exit_code(made))
+    report.end({"out": out, "page": page, "map": made}, text, map_exit_code(made), [out])
 
 
 @command("A dive", "report OUT")

@@ -18,6 +18,7 @@ from calibration.verification.matches import Matches, rectified_matches
 from calibration.verification.vertical_disparity import LIMITS
 from stereo_seecolor.checks.changes import find_change
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
+from stereo_seecolor.checks.focal_lengths import stated_of_sides
 from stereo_seecolor.checks.rig import judge_rig, matches_of, refine_on_dive
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import DiveVerdict, verdict_of
@@ -131,6 +132,8 @@ def check(
     judged = judge_rig(rig, found, pairs, images, change)
     if judged.rows is None:
         raise CalibrationError(judged.refusal or judged.too_few)
+    if judged.rows.ranges_are_wrong and (stated := stated_of_sides(pairs, rig)):
+        of_images = DiveVerdict((stated,)).after(of_images)
     if refine is None:
         rows = judged.with_motion(rig, found, pairs, images).rows
         assert rows

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.json_records import as_record
 from stereo_seecolor.files.whole_files import read_bytes
-from stereo_seecolor.records import Map
+from stereo_seecolor.records import Map, Numbers
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER, in_subfolder, page_path
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
 from stereo_seecolor.run_folder.own_paths import refuse_links_out
@@ -206,6 +206,12 @@ class FinishedRun:
     def range_error(self) -> RangeError | None:
         """The error of ranges by the check of the dive; None if it measured none."""
         return as_record(_Totals, self.totals).range_error
+
+    @property
+    def wrong(self) -> frozenset[Numbers]:
+        """The numbers of the dive as a whole that the run's checks found wrong."""
+        kinds: tuple[Numbers, ...] = get_args(Numbers)
+        return frozenset(kind for kind in kinds if self.totals.get(f"{kind}_are_wrong"))
 
     @cached_property
     def rig(self) -> StereoRig:

@@ -221,7 +221,7 @@ SHAPES: dict[str, Shape] = {
         **keys(int, "unseen_points"),
     },
     "compare": {
-        **keys(str, "format first second"),
+        **keys(str, "format first second position_note"),
         "registration": {
             **{"T_first_second": [[float]], "covariance": [[float]], "center_m": [float]},
             **keys(int, "features_alike features_agreeing"),

@@ -46,7 +46,7 @@ def export(
         raise typer.BadParameter("give OUT, --to FORMAT and --out FOLDER, or --list")
     with report.working():
         written = write(out, to, folder)
-    report.end({"out": out, **vars(written)}, export_text(written))
+    report.end({"out": out, **vars(written)}, export_text(written), runs=[out])
 
 
 def export_text(result: "ExportResult") -> str:

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import get_args
 
 from calibration.errors import counted
 from stereo_seecolor.compute.shard import Shard
@@ -63,8 +62,7 @@ class Part:
     @property
     def wrong(self) -> frozenset[Numbers]:
         """The numbers of the dive as a whole that the run's checks found wrong."""
-        kinds: tuple[Numbers, ...] = get_args(Numbers)
-        return frozenset(kind for kind in kinds if self.run.totals.get(f"{kind}_are_wrong"))
+        return self.run.wrong
 
     @property
     def rig_notes(self) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ def metrics(
         result = measure(out, polygons, folder, points)
     no_point = result.unseen_points and not result.point_cover
     code = EXIT_SOME_FAILED if result.unseen or no_point else EXIT_DONE
-    report.end({"out": out, **vars(result)}, metrics_text(result), code)
+    report.end({"out": out, **vars(result)}, metrics_text(result), code, [out])
 
 
 @command("Ecology", "compare 2024 2025 --out CHANGE")
@@ -76,7 +76,7 @@ def compare(
     report: BareReport,
 ) -> None:
     """Detect changes between two fused runs of one site: growth, loss and color, with standard
-    errors; exit code 3 if the lengths of the two differ by more than 2 %.
+    errors; exit code 3 if lengths of the two differ by more than 2 %, or positions by 100 m.
     """
     from stereo_seecolor.extras.reef.compare import compare as compare_runs
     from stereo_seecolor.extras.reef.comparing.change_files import description
@@ -88,9 +88,11 @@ def compare(
         description(found.change)
         | {"joint": bent}
         | {"first": first, "second": second, "patches": found.change.patches}
+        | {"position_note": found.position_note}
     )
-    code = EXIT_SOME_FAILED if found.change.registration.is_wrong else EXIT_DONE
-    report.end({**content, "files": found.files}, comparison_text(found), code)
+    code = EXIT_SOME_FAILED if found.is_wrong else EXIT_DONE
+    content = {**content, "files": found.files}
+    report.end(content, comparison_text(found), code, [first, second])
 
 
 @command(
@@ -140,6 +142,7 @@ def markers(
         {"out": out, **vars(found)},
         markers_text(found),
         EXIT_SOME_FAILED if found.wrong else EXIT_DONE,
+        [out],
     )
 
 
@@ -168,8 +171,9 @@ def measure(
 
     if lengths:
         table = length_table(out, points)
-        report.end({"out": out, "table": table}, table)
+        report.end({"out": out, "table": table}, table, runs=[out])
     results = measure_points(out, points)
     unknown = any(each.value is None for each in results)
     content = {"out": out, "measures": results}
-    report.end(content, measures_text(results), EXIT_SOME_FAILED if unknown else EXIT_DONE)
+    code = EXIT_SOME_FAILED if unknown else EXIT_DONE
+    report.end(content, measures_text(results), code, [out])

@@ -9,6 +9,7 @@ from stereo_seecolor.errors import ComparingError, InputError
 from stereo_seecolor.extras.reef.comparing.change_files import write_change
 from stereo_seecolor.extras.reef.comparing.change_page import write_change_page
 from stereo_seecolor.extras.reef.comparing.joint_track import JointTrack, joint_track
+from stereo_seecolor.extras.reef.comparing.positions import position_note
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compare_sites
 from stereo_seecolor.extras.reef.site_surface import Site, open_site
 from stereo_seecolor.files.atomic import files_below
@@ -29,12 +30,19 @@ CLICK_PX = 0.5
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """The change of a site. files: written to the folder. joint: the second track, solved in one
-    graph with the first, if asked.
+    graph with the first, if asked. position_note: on places on Earth that contradict each other,
+    else "".
     """
 
     change: SiteChange
     files: tuple[Path, ...]
     joint: JointTrack | None = None
+    position_note: str = ""
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether lengths of one survey are wrong, or its place on Earth."""
+        return self.change.registration.is_wrong or bool(self.position_note)
 
 
 def compare(
@@ -61,16 +69,17 @@ def compare(
     cell_m = max(site.posed.map.cell_m["dem_m"] for site in (a, b))
     change = compare_sites(a, b, cell_m, calibration_std(open_run(first)).total)
     _refuse_other_voxels(a, b)  # of one site
+    note = position_note(a.posed, b.posed, change.registration.T_a_b)
     if folder is None:
-        return Comparison(change, ())
+        return Comparison(change, (), position_note=note)
     track = joint_track(a, b, change.registration, Threads(cores())) if joint else None
     with new_folder(folder) as building:
         if track:
             write_tum(building / SECOND_TRACK, track.trajectory)
         write_change(building, change, Georeference(a.posed.offset_m, a.posed.origin))
         shutil.rmtree(building / ".scratch", ignore_errors=True)
-        write_change_page(building, change, *_names(first.resolve(), second.resolve()))
-    return Comparison(change, tuple(sorted(files_below(folder))), track)
+        write_change_page(building, change, *_names(first.resolve(), second.resolve()), note)
+    return Comparison(change, tuple(sorted(files_below(folder))), track, note)
 
 
 def _refuse_other_voxels(*sites: Site) -> None:

@@ -70,7 +70,7 @@ def comparison_text(comparison: "Comparison") -> str:
         f"{1000 * at.feature_rms_m:.1f} mm; {fits}",
         f"{change.overlap_m2:.2f} m2 in both; {beyond}",
         f"scale: lengths of the first are {at.scale:.4f} +- {at.scale_std:.4f} of the second's",
-        *([f"note: {at.scale_note}"] if at.scale_note else []),
+        *(f"note: {note}" for note in (at.scale_note, comparison.position_note) if note),
         "growth {:.3f} +- {:.3f} l".format(*change.growth_l)
         + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
     ]

@@ -585,6 +585,28 @@ def test_a_taglab_project_has_colors_and_heights_of_one_size(fused: Path, tmp_pa
     assert np.ptp(outline.rings[0], axis=0) == pytest.approx([0.6, 0.6])
 
 
+def test_results_of_a_run_with_wrong_ranges_say_so(fused: Path, tmp_path: Path, cli) -> None:
+    shutil.copytree(fused, tmp_path / "out")
+    points = tmp_path / "points.csv"
+    points.write_text("measure,frame,kind,label,x_m,y_m\n1,,point,,0,0\n")
+
+    def codes() -> list[tuple[int, bool]]:
+        commands = [
+            ("metrics", tmp_path / "out"),
+            ("measure", tmp_path / "out", points),
+            ("export", tmp_path / "out", "--to", "biigle", "--out", tmp_path / "to"),
+        ]
+        found = [cli(*words) for words in commands]
+        shutil.rmtree(tmp_path / "to")
+        return [(code, "ranges are wrong: calibration: a yaw\n" in said) for code, _, said in found]
+
+    assert codes() == [(0, False)] * 3
+    run = json.loads((tmp_path / "out/run.json").read_text())
+    run["totals"] |= {"ranges_are_wrong": True, "notes": ["else", "calibration: a yaw"]}
+    (tmp_path / "out/run.json").write_text(json.dumps(run))
+    assert codes() == [(3, True)] * 3
+
+
 def test_heights_of_a_map_deep_in_the_sea_keep_their_base(fused: Path, tmp_path: Path) -> None:
     import rasterio
 

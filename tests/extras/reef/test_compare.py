@@ -42,6 +42,7 @@ from stereo_seecolor.extras.reef.comparing.difference import (
 )
 from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
+from stereo_seecolor.extras.reef.comparing.positions import position_note
 from stereo_seecolor.extras.reef.comparing.ransac import similarity_fit
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.extras.reef.comparing.site_change import SiteChange
@@ -53,7 +54,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.records import GeoOrigin, SurveyFrame
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 Array = NDArray[np.float64]
@@ -365,12 +366,36 @@ def test_the_scale_of_two_surveys_is_known_within_its_error(scale: float) -> Non
     assert abs(np.mean(errors)) < 0.7
 
 
+@pytest.mark.parametrize(
+    ("longitude_deg", "deep_m", "apart"),
+    [(152.0, 0.0, ""), (152.0, 1500.0, "1.5 km"), (-152.0, 0.0, "5,4"), (None, 0.0, "")],
+)
+def test_navigation_that_puts_the_same_ground_elsewhere_is_wrong(
+    found: Comparison,
+    dives: tuple[Path, Path, Reef, Reef],
+    longitude_deg: float | None,
+    deep_m: float,
+    apart: str,
+) -> None:
+    first, second = (open_site(out).posed for out in dives[:2])
+    T = found.change.registration.T_a_b
+
+    def placed(posed: PosedRun, longitude_deg: float | None, up_m: float) -> PosedRun:
+        origin = None if longitude_deg is None else GeoOrigin(-23.5, longitude_deg)
+        offset_m = [*posed.map.offset_m[:2], posed.map.offset_m[2] + up_m]
+        return replace(posed, map=replace(posed.map, origin=origin, offset_m=offset_m))
+
+    note = position_note(placed(first, 152.0, 0.0), placed(second, longitude_deg, -deep_m), T)
+    assert (f"the same ground {apart}" in note) if apart else not note
+
+
 @pytest.mark.parametrize(("scale", "std", "is_wrong"), [(1.03, 1e-3, True), (0.97, 0.02, False)])
 def test_lengths_that_certainly_differ_by_more_than_2_percent_are_wrong(
     scale: float,
     std: float,
     is_wrong: bool,
     found: Comparison,
+    dives: tuple[Path, Path, Reef, Reef],
     cli: Cli,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -378,7 +403,7 @@ def test_lengths_that_certainly_differ_by_more_than_2_percent_are_wrong(
     at = replace(found.change.registration, T_a_b=T, scale_std=std)
     result = replace(found, change=replace(found.change, registration=at))
     monkeypatch.setattr("stereo_seecolor.extras.reef.compare.compare", lambda *_: result)
-    code, printed, _ = cli("compare", "first", "second")
+    code, printed, _ = cli("compare", *dives[:2])
     assert ("of the second survey are" in printed, code) == ((True, 3) if is_wrong else (False, 0))
 
 

@@ -16,7 +16,9 @@ BENT = 0.1
 """
 
 
-def write_change_page(folder: Path, change: SiteChange, first: str, second: str) -> None:
+def write_change_page(
+    folder: Path, change: SiteChange, first: str, second: str, position_note: str = ""
+) -> None:
     """Write index.html, which shows change.png and names the other files. first, second: the
     surveys' names.
 
@@ -32,9 +34,10 @@ def write_change_page(folder: Path, change: SiteChange, first: str, second: str)
         "evidence": _evidence(change),
         "files": files,
     }
+    reasons = [*_reasons(change), *([position_note] if position_note else [])]
     write_atomic(
         folder / "index.html",
-        render_template("change.html.j2", line=_line(change), reasons=_reasons(change), **values),
+        render_template("change.html.j2", line=_line(change), reasons=reasons, **values),
     )
 
 
