@@ -181,6 +181,7 @@ def test_a_sheet_that_exists_stays_and_its_option_is_named(tmp_path: Path) -> No
         evaluate_charts(tmp_path, tmp_path, sheet=tmp_path / "charts.png")
 
 
+@pytest.mark.slow
 def test_a_method_has_one_column_of_the_sheet(folders: tuple[Path, Path], tmp_path: Path) -> None:
     for tool, names in (("dark", "b"), ("copy", "ab")):
         (tmp_path / tool).mkdir()

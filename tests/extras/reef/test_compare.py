@@ -366,6 +366,7 @@ def test_the_scale_of_two_surveys_is_known_within_its_error(scale: float) -> Non
     assert abs(np.mean(errors)) < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("longitude_deg", "deep_m", "apart"),
     [(152.0, 0.0, ""), (152.0, 1500.0, "1.5 km"), (-152.0, 0.0, "5,4"), (None, 0.0, "")],
