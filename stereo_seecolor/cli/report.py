@@ -13,7 +13,7 @@ import typer
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED, is_known, message_of
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.output import write_error, write_out
-from stereo_seecolor.errors import ClusterError, SeeColorError
+from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.plugins import added, load
 
@@ -121,7 +121,7 @@ class Report:
         log was not written to its end, or if a check found numbers of the finished ``runs`` wrong,
         which the result is made of.
         """
-        problems = [line for out in runs if (line := _wrong_line(out))]
+        problems = list(_wrong_lines(runs))
         for line in problems:
             log.warning(line)
             write_error(f"note: {line}\n")
@@ -173,14 +173,12 @@ class BareReport(Report):
     log_file: Path | None = field(default=None, init=False)
 
 
-def _wrong_line(out: Path) -> str:
-    """What the checks of a finished run found wrong, and why; "" for nothing."""
-    from stereo_seecolor.run_folder.finished_run import open_run
+def _wrong_lines(runs: Sequence[Path]) -> Iterator[str]:
+    """What the checks of finished runs found wrong, and why, of those that did."""
+    from stereo_seecolor.run_folder.finished_run import totals_of, wrong_numbers
 
-    try:
-        run = open_run(out)
-    except SeeColorError:  # of which the command made its result before
-        return ""
-    causes = (note for note in run.totals["notes"] if note.startswith(("calibration: ", "input: ")))
-    what = " and ".join(sorted(run.wrong))
-    return f"{out}: {what} are wrong: {next(causes, 'see the notes in run.json')}" if what else ""
+    for out in runs:
+        totals = totals_of(out)
+        if what := " and ".join(sorted(wrong_numbers(totals))):
+            causes = (n for n in totals["notes"] if n.startswith(("calibration: ", "input: ")))
+            yield f"{out}: {what} are wrong: {next(causes, 'see the notes in run.json')}"

@@ -1,6 +1,6 @@
 """A finished run read back: its settings, rig, frames and products, as the run recorded them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -207,12 +207,6 @@ class FinishedRun:
         """The error of ranges by the check of the dive; None if it measured none."""
         return as_record(_Totals, self.totals).range_error
 
-    @property
-    def wrong(self) -> frozenset[Numbers]:
-        """The numbers of the dive as a whole that the run's checks found wrong."""
-        kinds: tuple[Numbers, ...] = get_args(Numbers)
-        return frozenset(kind for kind in kinds if self.totals.get(f"{kind}_are_wrong"))
-
     @cached_property
     def rig(self) -> StereoRig:
         """The calibration as the run used it.
@@ -323,6 +317,23 @@ def open_run(out: str | Path) -> FinishedRun:
         libraries=content["libraries"],
         command_line=tuple(content["command_line"]),
     )
+
+
+def totals_of(out: Path) -> dict[str, Any]:
+    """The totals of a finished run, without the records of its frames; none where it cannot be
+    read.
+    """
+    try:
+        totals: dict[str, Any] = _run_content(out)["totals"]
+    except InputError:
+        return {}
+    return totals
+
+
+def wrong_numbers(totals: Mapping[str, Any]) -> frozenset[Numbers]:
+    """The numbers of the dive as a whole that the run's checks found wrong."""
+    kinds: tuple[Numbers, ...] = get_args(Numbers)
+    return frozenset(kind for kind in kinds if totals.get(f"{kind}_are_wrong"))
 
 
 def _is_unfinished(record: FrameRecord, dive: DiveRecord) -> bool:

@@ -9,7 +9,12 @@ from calibration.errors import counted
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import FrameRow, Numbers, Water
-from stereo_seecolor.run_folder.finished_run import FinishedRun, geometry_of, open_run
+from stereo_seecolor.run_folder.finished_run import (
+    FinishedRun,
+    geometry_of,
+    open_run,
+    wrong_numbers,
+)
 from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
@@ -62,7 +67,7 @@ class Part:
     @property
     def wrong(self) -> frozenset[Numbers]:
         """The numbers of the dive as a whole that the run's checks found wrong."""
-        return self.run.wrong
+        return wrong_numbers(self.run.totals)
 
     @property
     def rig_notes(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.errors import counted
 from stereo_seecolor.extras.streams.videos.motion import VideoSignals
 
-Numbers = NDArray[np.int64]
+Places = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 
@@ -44,7 +44,7 @@ class Moments:
     is_wrong: it is not known which frames are of one moment.
     """
 
-    pairs: Numbers
+    pairs: Places
     notes: tuple[str, ...] = ()
     is_wrong: bool = False
 
@@ -58,10 +58,10 @@ class _RecordedFrames:
 
     name: str
     times_s: Array
-    moment: Numbers
-    repeated: Numbers
+    moment: Places
+    repeated: Places
     replaced: bool
-    lost: Numbers
+    lost: Places
     black: int
 
     @property
@@ -99,23 +99,23 @@ def frames_of_equal_moments(
     ]
     more = int(sides[0].moment[-1] - sides[1].moment[-1])
     counts = [side.moment.copy() for side in sides]
-    told = not more and not any(side.shifted for side in sides)
+    confirmed = not more and not any(side.shifted for side in sides)
     for side, count, extra in zip(sides, counts, (more, -more), strict=True):
         if extra > 0 and extra == side.shifted - len(side.lost):
             inserted = side.repeated[: 0 if side.replaced else None]
             count[:] -= side.black + np.searchsorted(inserted, np.arange(len(count)), "right")
-            told = True
+            confirmed = True
         elif extra < 0 and side.shifted == len(side.lost) == 1:
             count[side.lost[0] :] -= extra
-            told = True
+            confirmed = True
     good = [np.ones(len(count), bool) for count in counts]
     for side, kept in zip(sides, good, strict=True):
         kept[side.repeated] = False
     notes = tuple(note for side in sides for note in side.notes)
-    if not told and not notes:
+    if not confirmed and not notes:
         lengths = " and ".join(f"{len(side.moment)}" for side in sides)
         notes = (f"{' and '.join(names)} hold {lengths} frames: did both begin at one moment?",)
-    is_wrong = not told and any(side.shifted for side in sides)
+    is_wrong = not confirmed and any(side.shifted for side in sides)
     if is_wrong:
         notes = (
             *notes,
@@ -124,9 +124,7 @@ def frames_of_equal_moments(
             "with the times of their frames, or run the parts between these places separately",
         )
     numbers = [np.flatnonzero(kept) for kept in good]
-    _, left, right = np.intersect1d(
-        counts[0][good[0]], counts[1][good[1]], assume_unique=False, return_indices=True
-    )
+    _, left, right = np.intersect1d(counts[0][good[0]], counts[1][good[1]], return_indices=True)
     return Moments(np.column_stack([numbers[0][left], numbers[1][right]]), notes, is_wrong)
 
 
@@ -156,7 +154,7 @@ def _side(name: str, own: VideoSignals, other: VideoSignals) -> _RecordedFrames:
     )
 
 
-def _steps_of_times(signals: VideoSignals) -> Numbers:
+def _steps_of_times(signals: VideoSignals) -> Places:
     """(n-1,) frames from one to the next by their times; 1 where the rate itself varies."""
     frames = np.diff(signals.times_s) / signals.frame_s
     whole = np.maximum(np.rint(frames), 1)

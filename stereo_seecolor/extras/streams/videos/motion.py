@@ -21,7 +21,11 @@ class NoEvidence(InputError):
     they have some.
     """
 
-    signals: "tuple[VideoSignals, VideoSignals] | None" = None
+    def __init__(
+        self, message: str, signals: "tuple[VideoSignals, VideoSignals] | None" = None
+    ) -> None:
+        super().__init__(message)
+        self.signals = signals
 
 
 @dataclass(frozen=True, eq=False)

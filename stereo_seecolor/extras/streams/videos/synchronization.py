@@ -124,13 +124,12 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     if code and all(_agree(item.lag, code) for item in evidence):
         evidence, code = (*evidence, Evidence("time code", code)), None
     if not evidence:
-        error = NoEvidence(
+        raise NoEvidence(
             f"{left} and {right}: no evidence of their clock offset: no common sound, flash or "
             "time code, and too little or periodic image motion; clap or rotate the rig next "
-            "time, or set input.video_offset_s"
+            "time, or set input.video_offset_s",
+            signals,
         )
-        error.signals = signals
-        raise error
     best = min(evidence, key=lambda item: item.lag.std_s).lag
     if rig is not None and (
         rows := row_lag((left, right), rig, signals, best, _nearest(signals, best)[0])
