@@ -134,10 +134,10 @@ def fit_clear(
         std_px = float(np.hypot(uneven.std[value], LIMITS.lens_rad * geometry.focal_px / 2))
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
         free += [value] if abs(uneven.values[value]) > least_px else []
-    fitted = fit_motions(couples, geometry, *free)
+    fitted = fit_motions(couples, geometry, *free, start=uneven)
     if fitted.std[FOCAL] >= LIMITS.known_focal:
         free.remove(FOCAL)
-        fitted = fit_motions(couples, geometry, *free)
+        fitted = fit_motions(couples, geometry, *free, start=fitted)
     return _without_noise(fitted, couples, geometry, free), free
 
 
@@ -161,7 +161,7 @@ def _without_noise(
             )
             for couple, std_px in zip(couples, noise_px, strict=True)
         ]
-        moved.append(fit_motions(noisy, geometry, *free).values - fitted.values)
+        moved.append(fit_motions(noisy, geometry, *free, start=fitted).values - fitted.values)
     by_noise = np.mean(moved, axis=0)
     return replace(
         fitted,

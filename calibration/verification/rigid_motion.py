@@ -14,7 +14,8 @@ from calibration.verification.row_fits import explain
 Array = NDArray[np.float64]
 POSE = 6
 """A turn (rad) and a shift (baselines) of each couple; then come the shared values."""
-OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS = range(6)
+SHARED = 6
+OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS = range(SHARED)
 """Shared values, to be added to disparities, pixels: an offset; an amount that grows over the rows
 and one that grows over the columns, at half the image's height and width from the middle; and, at
 the second moment alone, an offset and an amount that grows over the rows. FOCAL is the logarithm of
@@ -31,16 +32,15 @@ infinity."""
 class FitSettings:
     """rounds: of Gauss-Newton; poses_first: how many of them leave the shared values alone.
 
-    noise_px: where the loss turns from squares to absolute values. free: standard deviations of the
-    shared values before anything is seen: couples that only move sideways hold no focal length.
-    fixed: of one that is not free.
+    noise_px: where the loss turns from squares to absolute values. deviations: standard deviations
+    of the shared values before anything is seen: couples that only move sideways hold no focal
+    length.
     """
 
     rounds: int = 40
     poses_first: int = 6
     noise_px: float = 0.15
-    free: tuple[float, ...] = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
-    fixed: float = 1e-6
+    deviations: tuple[float, ...] = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
 
 
 SETTINGS = FitSettings()
@@ -82,7 +82,7 @@ class Fitted:
     without each couple.
 
     std: (6,) standard errors, from the residuals and between couples; formal: from the residuals
-    alone. rest_px: root mean square of the residuals.
+    alone. rest_px: root mean square of the residuals. poses: (couples, 6).
     """
 
     values: Array
@@ -90,122 +90,149 @@ class Fitted:
     std: Array
     formal: Array
     rest_px: float
+    poses: Array
 
 
-def fit_motions(couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int) -> Fitted:
+def fit_motions(
+    couples: Sequence[SeenTwice], geometry: RectifiedPair, *free: int, start: Fitted | None = None
+) -> Fitted:
     """Robust least squares of all couples' motions with the ``free`` of the values that they share.
 
-    Raises LinAlgError where a couple's points hold no motion.
+    start: a fit of the same couples whose values are near. Raises LinAlgError where a couple's
+    points hold no motion.
     """
-    poses, shared = np.zeros((len(couples), POSE)), np.zeros(len(SETTINGS.free))
-    deviations = np.full(len(shared), SETTINGS.fixed)
-    deviations[list(free)] = np.array(SETTINGS.free)[list(free)]
-    prior = (SETTINGS.noise_px / deviations) ** 2
+    points, chosen = _Points.of(couples, geometry, free), list(free)
+    poses, shared = np.zeros((len(couples), POSE)), np.zeros(SHARED)
+    if start is not None:
+        poses, shared[chosen] = start.poses, start.values[chosen]
+    prior = (SETTINGS.noise_px / np.array(SETTINGS.deviations)[chosen]) ** 2
+    poses_first = SETTINGS.poses_first if start is None else 0
     for number in range(SETTINGS.rounds):
-        normals = [
-            _normal(couple, np.concatenate((pose, shared)), geometry)
-            for couple, pose in zip(couples, poses, strict=True)
-        ]
-        H = np.diag(prior) + sum(normal.H for normal in normals)
-        g = -prior * shared + sum(normal.g for normal in normals)
-        late = number >= SETTINGS.poses_first
-        step = np.asarray(np.linalg.solve(H, g)) if late else np.zeros(len(shared))
-        moved = np.array([normal.pose_step(step) for normal in normals])
-        poses, shared = poses + moved, shared + step
-        if number > SETTINGS.poses_first and (np.abs(moved) < STEPS).all():
+        normals = _normals(points, poses, shared, geometry.focal_px)
+        H = np.diag(prior) + normals.H.sum(axis=0)
+        g = -prior * shared[chosen] + normals.g.sum(axis=0)
+        late = number >= poses_first
+        step = np.asarray(np.linalg.solve(H, g)) if late else np.zeros(len(free))
+        moved = normals.to_pose - normals.by_shared @ step
+        poses = poses + moved
+        shared[chosen] += step
+        if number > poses_first and (np.abs(moved) < STEPS).all():
             break
     disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
     if disparity_px + shared[OFFSET] < AT_INFINITY * disparity_px:
         raise np.linalg.LinAlgError("no motion")
-    without = np.array([shared + np.linalg.solve(H - normal.H, g - normal.g) for normal in normals])
-    square = float(np.mean([normal.square for normal in normals]))
-    formal = np.sqrt(np.diag(np.linalg.inv(H)) * square)
-    std = np.hypot(jackknife(without), formal) if len(couples) > 1 else formal
-    return Fitted(shared, without, std, formal, float(np.sqrt(square)))
+    partial, formal = np.tile(shared, (len(couples), 1)), np.zeros(SHARED)
+    partial[:, chosen] += np.linalg.solve(H - normals.H, (g - normals.g)[..., None])[..., 0]
+    square = float(normals.square.mean())
+    formal[chosen] = np.sqrt(np.diag(np.linalg.inv(H)) * square)
+    std = np.hypot(jackknife(partial), formal) if len(couples) > 1 else formal
+    return Fitted(shared, partial, std, formal, float(np.sqrt(square)), poses)
 
 
 @dataclass(frozen=True, eq=False)
-class _Normal:
-    """Normal equations of the shared values, its pose eliminated: H (6, 6), g (6,). square:
-    weighted mean squared residual.
+class _Points:
+    """The points of all couples at once: first, second (couples, 3, n). counts (couples, n): 1;
+    0 where a couple has fewer points, which are repeated there.
+
+    free: the F shared values to fit. over (2, couples, F, n): what 1 of each adds to a disparity at
+    both moments.
+    """
+
+    first: Array
+    second: Array
+    counts: Array
+    free: tuple[int, ...]
+    over: Array
+
+    @classmethod
+    def of(
+        cls, couples: Sequence[SeenTwice], geometry: RectifiedPair, free: tuple[int, ...]
+    ) -> "_Points":
+        number = np.array([len(couple.first) for couple in couples])
+        most = int(number.max())
+        moments = ([couple.first for couple in couples], [couple.second for couple in couples])
+        both = np.stack([[np.resize(one, (most, 3)).T for one in moment] for moment in moments])
+        x, y = (both[:, :, axis] / (geometry.image_size[axis] / 2) for axis in (0, 1))
+        over = np.zeros((*both.shape[:2], SHARED, most))
+        over[:, :, OFFSET], over[:, :, ROWS], over[:, :, COLUMNS] = 1, y, x
+        over[1][:, [LATER, LATER_ROWS]] = over[1][:, [OFFSET, ROWS]]
+        counts = (np.arange(most) < number[:, None]).astype(np.float64)
+        return cls(both[0], both[1], counts, free, over[:, :, list(free)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Normals:
+    """Normal equations of the F free values by couple, its pose eliminated: H (couples, F, F),
+    g (couples, F). to_pose (couples, 6), by_shared (couples, 6, F): the step of the pose, less what
+    the step of the free values takes of it. square (couples,): weighted mean squared residual.
     """
 
     H: Array
     g: Array
     to_pose: Array
     by_shared: Array
-    square: float
-
-    def pose_step(self, step: Array) -> Array:
-        """(6,) the step of the pose for this step of the shared values."""
-        return np.asarray(self.to_pose - self.by_shared @ step)
+    square: Array
 
 
-def _normal(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> _Normal:
-    rest, slope = _residuals(couple, values, geometry)
+def _normals(points: _Points, poses: Array, shared: Array, focal_px: float) -> _Normals:
+    rest, slope = _residuals(points, poses, shared, focal_px)
     squared = (rest**2).sum(axis=1)
-    weights = 1 / np.sqrt(1 + squared / SETTINGS.noise_px**2)
-    A, r = slope.reshape(-1, len(values)), rest.ravel()
-    weighted = A * np.repeat(weights, 3)[:, None]
-    H, g = A.T @ weighted, -weighted.T @ r
-    H_pose, wanted = H[:POSE, :POSE].copy(), H[:POSE, POSE - 1 :].copy()
-    H_pose[range(POSE), range(POSE)] += 1e-9 * H.diagonal()[:POSE]
-    wanted[:, 0] = g[:POSE]
-    solved = np.linalg.solve(H_pose, wanted)
-    to_pose, by_shared = solved[:, 0], solved[:, 1:]
-    square = float((weights * squared).sum() / max(3 * len(rest) - POSE, 1))
-    return _Normal(
-        H[POSE:, POSE:] - H[POSE:, :POSE] @ by_shared,
-        g[POSE:] - H[POSE:, :POSE] @ to_pose,
-        to_pose,
-        by_shared,
-        square,
+    weights = points.counts / np.sqrt(1 + squared / SETTINGS.noise_px**2)
+    weighted = (slope * weights[:, None, None]).reshape(*slope.shape[:2], -1)
+    H = weighted @ slope.reshape(weighted.shape).swapaxes(1, 2)
+    g = -(weighted @ rest.reshape(len(rest), -1, 1))
+    H_pose, of_pose = H[:, :POSE, :POSE].copy(), H[:, POSE:, :POSE]
+    H_pose[:, range(POSE), range(POSE)] *= 1 + 1e-9
+    solved = np.linalg.solve(H_pose, np.concatenate([g[:, :POSE], H[:, :POSE, POSE:]], axis=2))
+    left = of_pose @ solved
+    return _Normals(
+        H[:, POSE:, POSE:] - left[..., 1:],
+        g[:, POSE:, 0] - left[..., 0],
+        solved[..., 0],
+        solved[..., 1:],
+        (weights * squared).sum(axis=1) / np.maximum(3 * points.counts.sum(axis=1) - POSE, 1),
     )
 
 
-def _residuals(couple: SeenTwice, values: Array, geometry: RectifiedPair) -> tuple[Array, Array]:
-    """(n, 3) pixels by which the points, moved from the first moment, miss those of the second; and
-    (n, 3, 12) their derivatives by the values.
+def _residuals(
+    points: _Points, poses: Array, shared: Array, focal_px: float
+) -> tuple[Array, Array]:
+    """(couples, 3, n) pixels by which the points, moved from the first moment, miss those of the
+    second; and (couples, 6 + F, 3, n) their derivatives by the pose and the free values.
     """
-    turn, shift, shared = values[:3], values[3:POSE], values[POSE:]
-    scale = geometry.focal_px * np.exp(shared[FOCAL])
-    first = corrected_points(couple.first, shared[[OFFSET, COLUMNS, ROWS]], geometry) / scale
-    later = shared[[OFFSET, COLUMNS, ROWS]] + [shared[LATER], 0, shared[LATER_ROWS]]
-    second = corrected_points(couple.second, later, geometry) / scale
-    R, by_turn = cv2.Rodrigues(turn)
-    slopes = first.copy()
+    turned = [cv2.Rodrigues(pose[:3]) for pose in poses]
+    R, by_turn = np.stack([R for R, _ in turned]), np.stack([by for _, by in turned])
+    shift, free = poses[:, 3:, None], shared[list(points.free)]
+    scale = focal_px * np.exp(shared[FOCAL])
+    first, second = points.first / scale, points.second / scale
+    first[:, 2] += free @ points.over[0] / scale
+    second[:, 2] += free @ points.over[1] / scale
+    slopes, depth = first.copy(), first[:, 2:]
     slopes[:, 2] = 1
-    rays = slopes @ R.T + first[:, 2:] * shift
-    moved = rays.copy()
-    moved[:, 2] = first[:, 2]
-    moved /= rays[:, 2:]
+    rays = R @ slopes + depth * shift
+    moved = np.concatenate([rays[:, :2], depth], axis=1) / rays[:, 2:]
 
-    half = np.array(geometry.image_size) / 2
-    over = np.zeros((2, len(SETTINGS.free), len(first)))  # of disparities, at both moments
-    for at, points in enumerate((couple.first, couple.second)):
-        over[at, OFFSET] = 1
-        over[at, ROWS], over[at, COLUMNS] = points[:, 1] / half[1], points[:, 0] / half[0]
-    over[1, [LATER, LATER_ROWS]] = over[1, [OFFSET, ROWS]]
-    of_rays = np.zeros((len(first), 3, len(values)))
-    of_rays[:, :, :3] = (slopes @ by_turn.reshape(3, 3, 3).transpose(0, 2, 1)).transpose(1, 2, 0)
-    of_rays[:, :, 3:POSE] = first[:, 2, None, None] * np.eye(3)
-    of_rays[:, :, POSE:] = over[0].T[:, None] * (shift / scale)[:, None]
-    of_rays[:, :, POSE + FOCAL] = -slopes[:, :2] @ R[:, :2].T - first[:, 2:] * shift
+    of_rays = np.zeros((len(poses), POSE + len(free), 3, rays.shape[2]))
+    of_rays[:, :3] = by_turn.reshape(-1, 3, 3, 3) @ slopes[:, None]
+    of_rays[:, range(3, POSE), range(3)] = depth
+    of_rays[:, POSE:] = points.over[0][:, :, None] * (shift / scale)[:, None]
     # what is moved, without its division by depth: two coordinates of the ray, and the disparity
     of_moved = of_rays.copy()
-    of_moved[:, 2] = 0
-    of_moved[:, 2, POSE:] = over[0].T / scale
-    of_moved[:, 2, POSE + FOCAL] = -first[:, 2]
-    slope = (of_moved - moved[:, :, None] * of_rays[:, 2:]) * (scale / rays[:, 2])[:, None, None]
-    slope[:, 2, POSE:] -= over[1].T
-    slope[:, :, POSE + FOCAL] += moved * scale
+    of_moved[:, :POSE, 2], of_moved[:, POSE:, 2] = 0, points.over[0] / scale
+    if FOCAL in points.free:
+        at = POSE + points.free.index(FOCAL)
+        of_rays[:, at] = -R[:, :, :2] @ slopes[:, :2] - depth * shift
+        of_moved[:, at] = np.concatenate([of_rays[:, at, :2], -depth], axis=1)
+    slope = (of_moved - moved[:, None] * of_rays[:, :, 2:]) * (scale / rays[:, None, 2:])
+    slope[:, POSE:, 2] -= points.over[1]
+    if FOCAL in points.free:
+        slope[:, at] += moved * scale
     return np.asarray((moved - second) * scale), np.asarray(slope)
 
 
 def corrected_points(points: Array, wrong_px: Array, geometry: RectifiedPair) -> Array:
-    """(n, 3) points with what is wrong with their disparities: offset, columns, rows."""
+    """(..., 3) points with what is wrong with their disparities: offset, columns, rows."""
     half = np.array(geometry.image_size) / 2
     corrected = points.copy()
-    corrected[:, 2] += wrong_px[0]
-    corrected[:, 2] += points[:, :2] / half @ wrong_px[1:]
+    corrected[..., 2] += wrong_px[0] + points[..., :2] / half @ wrong_px[1:]
     return corrected
