@@ -21,6 +21,7 @@ from calibration.transforms import transform_points
 Array = NDArray[np.float64]
 MAX_ITERATIONS = 100  # a bound: fits end before, by CONVERGED
 CONVERGED = 1e-7  # gain of a step, of the squared error
+POSE = 6  # parameters of a view: a turn and a shift
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,31 +85,31 @@ def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array
 
 @dataclass(frozen=True, eq=False)
 class _SideCorners:
-    """All corners of one side, so that OpenCV projects them in one call. views: each of its views
-    with its slice of the corners. points_m: (n, 3) on the target; pixels: (n, 2).
+    """All corners of one side, so that OpenCV projects them in one call. parts: of each of its
+    views the slice of the corners; view: (n,) that of each corner. points_m: (n, 3) on the target;
+    pixels: (n, 2).
     """
 
     side: int
-    views: tuple[tuple[int, slice], ...]
+    parts: tuple[tuple[int, slice], ...]
+    view: NDArray[np.int64]
     points_m: Array
     pixels: Array
 
-    def in_left(self, bundle: Bundle) -> Array:
-        """(n, 3) corners in the axes of the left camera."""
-        return np.concatenate(
-            [
-                transform_points(bundle.T_left_target[view], self.points_m[part])
-                for view, part in self.views
-            ]
-        )
+    def turned(self, bundle: Bundle) -> Array:
+        """(n, 3) corners along the axes of the left camera, from the origin of the target."""
+        R = bundle.T_left_target[self.view, :3, :3]
+        return np.asarray(np.einsum("nij,nj->ni", R, self.points_m))
+
+    def in_camera(self, bundle: Bundle, turned: Array) -> Array:
+        """(n, 3) ``turned`` corners in the axes of this side's camera."""
+        points = turned + bundle.T_left_target[self.view, :3, 3]
+        return transform_points(bundle.T_right_left, points) if self.side == 1 else points
 
     def residuals(self, bundle: Bundle) -> Array:
         """Projected minus measured corners: (n, 2) pixels."""
-        points = self.in_left(bundle)
-        if self.side == 1:
-            points = transform_points(bundle.T_right_left, points)
-        projected = project(points, bundle.intrinsics[self.side], bundle.lens.model)[0]
-        return projected - self.pixels
+        points = self.in_camera(bundle, self.turned(bundle))
+        return project(points, bundle.intrinsics[self.side], bundle.lens.model)[0] - self.pixels
 
 
 def _by_side(observations: Sequence[CornerObservation]) -> list[_SideCorners]:
@@ -116,14 +117,14 @@ def _by_side(observations: Sequence[CornerObservation]) -> list[_SideCorners]:
     sides = []
     for side in sorted({observation.side for observation in observations}):
         own = [observation for observation in observations if observation.side == side]
-        ends = np.cumsum([0, *(len(observation.pixels) for observation in own)]).tolist()
-        views = tuple(
-            (one.view, slice(*ends_of)) for one, ends_of in zip(own, pairwise(ends), strict=True)
-        )
+        count = [len(observation.pixels) for observation in own]
+        ends = pairwise(np.cumsum([0, *count]).tolist())
+        parts = tuple((one.view, slice(*ends_of)) for one, ends_of in zip(own, ends, strict=True))
+        view = np.repeat([one.view for one in own], count)
         points_m, pixels = (
             np.concatenate([getattr(one, name) for one in own]) for name in ("points_m", "pixels")
         )
-        sides.append(_SideCorners(side, views, points_m, pixels))
+        sides.append(_SideCorners(side, parts, view, points_m, pixels))
     return sides
 
 
@@ -147,7 +148,7 @@ def solve(
     """The bundle of least reprojection error near ``start``. poses_only: move the target alone."""
     sides = _by_side(observations)
     bundle, error = start, _cost(start, sides)
-    damping = 1e-3
+    damping = 1e-6
     for _ in range(iterations):
         equations = _normal_equations(bundle, sides)
         improved = False
@@ -171,7 +172,9 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Blocks of J^T J and J^T r: shared U (g, g), views V (v, 6, 6), coupling W (v, g, 6)."""
+    """Blocks of J^T J and J^T r by view: shared U (v, g, g), the pose V (v, 6, 6), coupling W
+    (v, g, 6).
+    """
 
     U: Array
     V: Array
@@ -182,18 +185,21 @@ class _Equations:
 
 def _normal_equations(bundle: Bundle, sides: Sequence[_SideCorners]) -> _Equations:
     sizes = [intrinsics.size for intrinsics in bundle.intrinsics]
-    shared, views = sum(sizes) + 6, len(bundle.T_left_target)
-    U, V, W = np.zeros((shared, shared)), np.zeros((views, 6, 6)), np.zeros((views, shared, 6))
-    r_shared, r_views = np.zeros(shared), np.zeros((views, 6))
+    columns = POSE + sum(sizes) + 6 + 1
+    products = np.zeros((len(bundle.T_left_target), columns, columns))
     for side in sides:
-        residual, J_shared, J_view = _linearize(bundle, side, sizes)
-        U += _product(J_shared, J_shared)
-        r_shared += _product(J_shared, residual)
-        for view, part in side.views:
-            V[view] += _product(J_view[part], J_view[part])
-            W[view] += _product(J_shared[part], J_view[part])
-            r_views[view] += _product(J_view[part], residual[part])
-    return _Equations(U, V, W, r_shared, r_views)
+        rows = _linearize(bundle, side, sizes)
+        for view, part in side.parts:
+            own = rows[part].reshape(-1, columns)
+            products[view] += own.T @ own
+    shared = slice(POSE, -1)
+    return _Equations(
+        products[:, shared, shared],
+        products[:, :POSE, :POSE],
+        products[:, shared, :POSE],
+        products[:, shared, -1],
+        products[:, :POSE, -1],
+    )
 
 
 def equations_by_view(
@@ -202,49 +208,36 @@ def equations_by_view(
     """J^T J (v, g, g) and J^T r (v, g) of what all views share, view by view, its pose
     eliminated.
     """
-    found = []
-    for view in range(len(bundle.T_left_target)):
-        own = [replace(one, view=0) for one in observations if one.view == view]
-        alone = replace(bundle, T_left_target=bundle.T_left_target[view : view + 1])
-        one = _normal_equations(alone, _by_side(own))
-        WV = one.W[0] @ np.linalg.inv(one.V[0])
-        found.append((one.U - WV @ one.W[0].T, one.r_shared - WV @ one.r_views[0]))
-    J2, Jr = zip(*found, strict=True)
-    return np.array(J2), np.array(Jr)
+    of = _normal_equations(bundle, _by_side(observations))
+    WV = of.W @ np.linalg.inv(of.V)
+    reduced = of.U - WV @ of.W.swapaxes(1, 2)
+    return reduced, of.r_shared - (WV @ of.r_views[..., None])[..., 0]
 
 
-def _product(a: Array, b: Array) -> Array:
-    """a^T b over the corners and the two coordinates of a pixel, their first two axes."""
-    return a.reshape(-1, *a.shape[2:]).T @ b.reshape(-1, *b.shape[2:])
-
-
-def _linearize(bundle: Bundle, side: _SideCorners, sizes: list[int]) -> tuple[Array, Array, Array]:
-    """Residuals (n, 2) and their derivatives by shared parameters (n, 2, g) and by the pose of each
-    corner's view (n, 2, 6).
+def _linearize(bundle: Bundle, side: _SideCorners, sizes: list[int]) -> Array:
+    """(n, 2, 6 + g + 1) of each corner: derivatives by the pose of its view and by what all views
+    share; the residual.
 
     Rotations move on the left, R <- exp(w) R, so that a point p in camera axes moves by w x p.
     """
-    n, T_rig = len(side.pixels), bundle.T_right_left
-    points = side.in_left(bundle)
-    moved = np.concatenate(
-        [points[part] - bundle.T_left_target[v, :3, 3] for v, part in side.views]
-    )
-    by_pose, by_rig = _by_motion(moved), np.zeros((n, 3, 6))
+    T_rig, turned = bundle.T_right_left, side.turned(bundle)
+    points = side.in_camera(bundle, turned)
+    by_pose, by_rig = _by_motion(turned), np.zeros((len(points), 3, 6))
     if side.side == 1:
-        points = transform_points(T_rig, points)
         by_pose = T_rig[:3, :3] @ by_pose
         by_rig = _by_motion(points - T_rig[:3, 3])
     pixels, by_point, by_intrinsics = project(
         points, bundle.intrinsics[side.side], bundle.lens.model
     )
-    J_shared = np.zeros((n, 2, sum(sizes) + 6))
-    first = 0 if side.side == 0 else sizes[0]
-    J_shared[:, :, first : first + sizes[side.side]] = by_intrinsics
+    rows = np.zeros((len(points), 2, POSE + sum(sizes) + 6 + 1))
+    rows[..., :POSE], rows[..., -7:-1] = by_point @ by_pose, by_point @ by_rig
+    first = POSE + (0 if side.side == 0 else sizes[0])
+    rows[..., first : first + sizes[side.side]] = by_intrinsics
     if bundle.lens.square_pixels:
-        J_shared[:, :, first] += J_shared[:, :, first + 1]
-        J_shared[:, :, first + 1] = 0
-    J_shared[:, :, -6:] = by_point @ by_rig
-    return pixels - side.pixels, J_shared, by_point @ by_pose
+        rows[..., first] += rows[..., first + 1]
+        rows[..., first + 1] = 0
+    rows[..., -1] = pixels - side.pixels
+    return rows
 
 
 def _by_motion(rotated: Array) -> Array:
@@ -263,12 +256,12 @@ def _step(equations: _Equations, damping: float, poses_only: bool) -> tuple[Arra
     """The damped step of the shared parameters (g,) and of each view (v, 6)."""
     V_inverse = np.linalg.inv(_damped(equations.V, damping))
     if poses_only:
-        return np.zeros_like(equations.r_shared), -np.einsum(
+        return np.zeros(equations.r_shared.shape[1]), -np.einsum(
             "vij,vj->vi", V_inverse, equations.r_views
         )
     WV = equations.W @ V_inverse
-    S = _damped(equations.U, damping) - np.einsum("vij,vkj->ik", WV, equations.W)
-    right = -equations.r_shared + np.einsum("vij,vj->i", WV, equations.r_views)
+    S = _damped(equations.U.sum(axis=0), damping) - np.einsum("vij,vkj->ik", WV, equations.W)
+    right = -equations.r_shared.sum(axis=0) + np.einsum("vij,vj->i", WV, equations.r_views)
     shared = np.linalg.lstsq(S, right, rcond=None)[0]
     rest = -equations.r_views - np.einsum("vij,i->vj", equations.W, shared)
     return shared, np.einsum("vij,vj->vi", V_inverse, rest)
