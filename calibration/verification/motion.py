@@ -22,7 +22,6 @@ from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.rectification import Rectification
 from calibration.resampling import jackknife
-from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.matches import (
     MATCH_LIMITS,
     QUICK,
@@ -45,9 +44,9 @@ from calibration.verification.rigid_motion import (
     Fitted,
     SeenTwice,
     corrected_points,
+    disparity_noise_px,
     fit_motions,
 )
-from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
 
@@ -146,11 +145,10 @@ def _without_noise(
 ) -> Fitted:
     """The fit without what noise of the disparities does to it (simulation and extrapolation, Cook
     and Stefanski 1994): parallax by a noisy disparity looks too small, as with an offset. As much
-    noise again, as the rows show, moves the values as much again; half of it is one more error.
+    noise again moves the values as much again; half of it is one more error. Rows and the second
+    moment do not show all of the noise: windows around a point see the same beside it.
     """
-    noise_px = [_row_noise_px(couple) for couple in couples]
-    if not any(noise_px):
-        return fitted
+    noise_px = disparity_noise_px(fitted, couples, geometry)
     rng, moved = np.random.default_rng(0), []
     for _ in range(NOISE_DRAWS):
         noisy = [
@@ -170,15 +168,6 @@ def _without_noise(
         std=np.hypot(fitted.std, by_noise / 2),
         formal=np.hypot(fitted.formal, by_noise / 2),
     )
-
-
-def _row_noise_px(couple: SeenTwice) -> float:
-    """Standard deviation of the noise of the rows, which is that of the disparities."""
-    if couple.rows_px is None:
-        return 0.0
-    rows = zip(couple.rows_px.T, (couple.first, couple.second), strict=True)
-    rest = [explain(rows_px, points[:, :2])[1] for rows_px, points in rows]
-    return deviation_about_zero(np.concatenate(rest))
 
 
 def range_error(offset_px: Array, log_focal: Array, disparity_px: float) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from calibration.resampling import jackknife
+from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.row_fits import explain
 
 Array = NDArray[np.float64]
@@ -127,6 +128,22 @@ def fit_motions(
     formal[chosen] = np.sqrt(np.diag(np.linalg.inv(H)) * square)
     std = np.hypot(jackknife(partial), formal) if len(couples) > 1 else formal
     return Fitted(shared, partial, std, formal, float(np.sqrt(square)), poses)
+
+
+def disparity_noise_px(
+    fitted: Fitted, couples: Sequence[SeenTwice], geometry: RectifiedPair
+) -> list[float]:
+    """Standard deviation of the errors of each couple's disparities at the first moment that would
+    explain what the motions leave.
+    """
+    points = _Points.of(couples, geometry, (OFFSET, FOCAL, ROWS, COLUMNS))
+    rest, slope = _residuals(points, fitted.poses, fitted.values, geometry.focal_px)
+    by_first = slope[:, POSE + OFFSET] + np.array([[0.0], [0.0], [1.0]])
+    error_px = (rest * by_first).sum(axis=1) / (by_first**2).sum(axis=1)
+    return [
+        deviation_about_zero(own[: len(couple.first)])
+        for own, couple in zip(error_px, couples, strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
