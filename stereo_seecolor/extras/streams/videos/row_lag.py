@@ -121,7 +121,7 @@ def _grays(path: Path, times_s: Array) -> Iterator[NDArray[np.uint8]]:
     video = video_file(path)
     with suppress(InputError):
         for number in video.index.numbers_at(times_s):
-            yield gray(video.frame(number))
+            yield video.read(number, gray)
 
 
 def _solved(moved: Array, speeds: Array, misfits: Array) -> tuple[float, float] | None:
