@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from shlex import quote
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import load_rig_of_images
@@ -65,7 +66,7 @@ def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
         raise InputError(
             f"{folder}: is given as --left and --right, but its images show one side each: give "
             "the folder of the other side as --right; if this folder holds both sides, "
-            f"stereo-seecolor inspect {folder} finds a pattern for each"
+            f"stereo-seecolor inspect {quote(str(folder))} finds a pattern for each"
         )
 
 

@@ -1,6 +1,7 @@
 """Commands over bags, videos and live cameras: live, bag-info, sync."""
 
 import logging
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -297,6 +298,7 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
 
     with report.working():
         found = find(left, right, calib or "")
+    given = ["--left", str(left), "--right", str(right), "--calib", calib or "cam.yaml"]
     output = [found.text]
     output += [
         f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms"
@@ -305,7 +307,6 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
     output += [
         counted(found.pairs, "pair of frames"),
         "",
-        f"stereo-seecolor run --left {left} --right {right} --calib {calib or 'cam.yaml'} "
-        "--out out",
+        shlex.join(["stereo-seecolor", "run", *given, "--out", "out"]),
     ]
     report.end(vars(found), lines(*output))

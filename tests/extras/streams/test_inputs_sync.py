@@ -115,14 +115,14 @@ def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
-    left, right = write_pair(tmp_path, -0.4, seconds=10, sound=True, flash_s=4.0)
+    left, right = write_pair(tmp_path / "dive 1", -0.4, seconds=10, sound=True, flash_s=4.0)
     code, printed, said = cli("sync", left, right)
     assert code == 0, said
     for word in (
         "from motion and sound and flash",
         "motion: -0.",
         "pairs of frames",
-        f"run --left {left}",
+        f"run --left '{left}'",
     ):
         assert word in printed
     assert sync(left, right).pairs == pytest.approx(300 - 12, abs=2)
