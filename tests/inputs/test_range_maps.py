@@ -25,6 +25,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from stereo_seecolor.checks.fitted_water import range_scale_notes
 from stereo_seecolor.color import Water, fit
+from stereo_seecolor.commands.run import correct
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.waters import WaterName, lit_water
 from stereo_seecolor.files.srgb import encode_srgb
@@ -218,6 +219,18 @@ def test_a_folder_of_another_kind_names_it(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     with pytest.raises(InputError, match=r"2 files of another kind \(.bin\): save them as .npy"):
         pair_by_stem(tmp_path / "images", tmp_path / "range")
+
+
+def test_exchanged_images_and_range_maps_are_named(tmp_path: Path) -> None:
+    ranges, images = tmp_path / "ranges", tmp_path / "images"
+    for path, values in (
+        (ranges / "1.tiff", RANGE_M),
+        (images / "1.png", np.zeros((24, 32, 3), np.uint8)),
+    ):
+        path.parent.mkdir()
+        path.write_bytes(image_file(path.suffix, values))
+    with pytest.raises(InputError, match="if these are range maps, exchange --images and --range"):
+        correct(ranges, images, tmp_path / "out")
 
 
 def test_two_maps_of_one_name_are_named(tmp_path: Path) -> None:
