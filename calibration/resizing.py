@@ -1,6 +1,7 @@
 """Calibrations for images that were binned or resized since: the same rays in other pixels."""
 
 from dataclasses import replace
+from shlex import quote
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") 
         return f"{mismatch}, {_other_shape(images, calibrated)}"
     return (
         f"{mismatch}, {factor:.4g} times the size: if the whole images were binned or resized, "
-        f"run: stereo-seecolor convert-calib {calib} resized.yaml --resize {_text(images)}; "
+        f"run: stereo-seecolor convert-calib {quote(calib)} resized.yaml --resize {_text(images)}; "
         "if they were cropped, use a calibration made at this resolution"
     )
 

@@ -16,6 +16,7 @@ import numpy as np
 from calibration import Rectification, StereoRig
 from calibration.formats import load_rig
 from calibration.original_view import OriginalView
+from calibration.port import flat_port
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.carried_colors import inside_right_image
 from stereo_seecolor.color.render.open_water import without_open_water
@@ -85,8 +86,11 @@ class Pipeline:
     makes_ranges = True
 
     def __init__(self, rig: StereoRig | str | Path, config: RunConfig | None = None) -> None:
-        self.rig = rig = rig if isinstance(rig, StereoRig) else load_rig(rig)
+        rig = rig if isinstance(rig, StereoRig) else load_rig(rig)
         self.config = config or RunConfig()
+        if (window := self.config.input.flat_port) and rig.port is None:
+            rig = replace(rig, medium="air", port=flat_port(window), alternatives=())
+        self.rig = rig
         self.rectification = Rectification.from_rig(rig)
         self.geometry = self.matched_by = self.rectification.pair
         seen = self.rectification.seen_left()

@@ -53,22 +53,23 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
         if given
         else "the unit and the lengths of the calibration"
     )
-    causes = (
-        f"by this factor or more ({unit}), or the encoding of the images is wrong "
-        "(color.input_encoding, another tone curve): colors alone do not show which: measure a "
-        "known length"
+    factor = f"by this factor or more ({unit})"
+    encoding = (
+        "or the encoding of the images is wrong (color.input_encoding, another tone curve): colors "
+        "alone do not show which: measure a known length"
     )
     if red + np.median([_red_std(water) for water in different]) < LEAST_RED:
         return (
             f"{said}: the clearest water attenuates red by {LEAST_RED:.2g}/m, "
-            f"{LEAST_RED / red:.1f} times as much: ranges are too long {causes}",
+            f"{LEAST_RED / red:.1f} times as much: ranges are too long {factor}, the images "
+            f"were taken in air, {encoding}",
         )
     lamps = np.median([min(water.fall_off / LAMPS_FALL_OFF, 1.0) for water in different])
     apart = float(np.nanmedian(rates[:, 0] - rates[:, 1])) / (MOST_RED_OVER_GREEN * (1.0 + lamps))
     if apart > 1:
         return (
             f"{said}: {apart:.1f} times as far apart as in any water: ranges are too short "
-            f"{causes}",
+            f"{factor}, {encoding}",
         )
     return ()
 

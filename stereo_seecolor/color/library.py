@@ -66,7 +66,8 @@ def correct(
             mean over the batch.
 
     Raises:
-        ColorError: As in ``fit``, and for water parameters that were fitted to another encoding.
+        ColorError: As in ``fit``, and for water parameters fitted to images read as-is, for
+            others, or the reverse.
         DeviceError: As in ``fit``.
     """
     corrector, images, ranges = _standard(image, range_m, config)

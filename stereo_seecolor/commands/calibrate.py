@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from calibration.boards import printing
 from calibration.boards.mistaken_images import mistake_of
@@ -80,6 +81,12 @@ def calibrate(
         images = [(read_image(pair.left), read_image(pair.right)) for pair in tested]
         if mistake := mistake_of(images, board):
             raise CalibrationError(f"{mistake} ({error})") from error
+        if left == right:
+            raise CalibrationError(
+                f"{error}; each image was cut in two, since {left} is given as both sides: if one "
+                f"shows one side, stereo-seecolor inspect {quote(str(left))} finds a pattern for "
+                "each side"
+            ) from error
         raise
     write_rig(rig, out)
     write_atomic(coverage, encode_image(report.coverage_picture(), "png"))

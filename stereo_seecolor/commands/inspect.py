@@ -146,7 +146,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     found = find_calibration(places, left.size)
     tested = NOTHING_TESTED
     if found:
-        _refuse_wrong_sizes(found[0], left, right)
+        _refuse_wrong_sizes(found[0], left.size, right.size)
         frames = frames or {first: reader.read(first)}  # which says why none can be read
         tested = tested_calibration(found[0], pairing, frames, config)
     poses, unread = find_poses(places, pairing.pairs, {one.path for one in found})
@@ -203,15 +203,15 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
         )
 
 
-def _refuse_wrong_sizes(calibration: FoundCalibration, left: ImageFacts, right: ImageFacts) -> None:
-    for side, image, camera in (
+def _refuse_wrong_sizes(
+    calibration: FoundCalibration, left: tuple[int, int], right: tuple[int, int]
+) -> None:
+    for side, size, camera in (
         ("left", left, calibration.rig.left),
         ("right", right, calibration.rig.right),
     ):
-        if image.size != camera.image_size:
-            raise CalibrationError(
-                wrong_size(side, image.size, camera.image_size, str(calibration.path))
-            )
+        if size != camera.image_size:
+            raise CalibrationError(wrong_size(side, size, camera.image_size, str(calibration.path)))
 
 
 def _wrong_ranges(sides: Sides, tested: Tested) -> frozenset[Numbers]:
@@ -260,8 +260,11 @@ def command_line(
 
 def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     """Inspect a dive of videos, of which only the index and a frame are read."""
+    left, right = video_facts(sides.left), video_facts(sides.right)
     size = size_of_side(sides.left, sides.right)
     found = find_calibration(places, size)
+    if found:
+        _refuse_wrong_sizes(found[0], size, size if sides.left == sides.right else right.size)
     paths = tuple(one.path for one in found)
     poses, unread = find_poses(places, (), paths)
     problems = (
@@ -271,8 +274,8 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     )
     return Inspection(
         sides=sides,
-        left=video_facts(sides.left),
-        right=video_facts(sides.right),
+        left=left,
+        right=right,
         calibrations=paths,
         poses=poses,
         problems=(

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from shlex import quote
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import load_rig_of_images
@@ -41,16 +42,22 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     A file that can be read in several ways is not settled: the rig keeps its alternatives. Raises
     InputError; CalibrationError, also where the first images all have another size.
     """
-    lefts = _left_images(pairs, images)
-    image = next(lefts)
-    first = _size(image)
-    rig = behind_port(for_channels(load_rig_of_images(calib, first), is_monochrome(image)), images)
-    if rig.left.image_size != first and rig.left.image_size not in map(
-        _size, islice(lefts, DECIDING_PAIRS - 1)
-    ):
-        _refuse_one_side(pairs[0], first, rig)
-        raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
+    image = next(_left_images(pairs, images))
+    size, is_gray = _size(image), is_monochrome(image)
+    rig = behind_port(for_channels(load_rig_of_images(calib, size), is_gray), images)
+    if rig.left.image_size != size and (other := other_size(rig, pairs, images)):
+        _refuse_one_side(pairs[0], other, rig)
+        raise CalibrationError(wrong_size("left", other, rig.left.image_size, str(calib)))
     return rig
+
+
+def other_size(
+    rig: StereoRig, pairs: Sequence[Pair], images: InputConfig
+) -> tuple[int, int] | None:
+    """The size of the first left image, where none of the first ones has the calibrated size."""
+    sizes = map(_size, islice(_left_images(pairs, images), DECIDING_PAIRS))
+    first = next(sizes)
+    return None if rig.left.image_size in (first, *sizes) else first
 
 
 def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
@@ -65,7 +72,7 @@ def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
         raise InputError(
             f"{folder}: is given as --left and --right, but its images show one side each: give "
             "the folder of the other side as --right; if this folder holds both sides, "
-            f"stereo-seecolor inspect {folder} finds a pattern for each"
+            f"stereo-seecolor inspect {quote(str(folder))} finds a pattern for each"
         )
 
 

@@ -30,9 +30,11 @@ from stereo_seecolor.dive.passes import (
     measure_ranges,
 )
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.listing import RANGE_EXTENSIONS, folders_of
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
+from stereo_seecolor.inputs.range_maps import holds_floats
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -202,6 +204,11 @@ def correct(
             update={"color": config.color.model_copy(update={"lock": "frame"})}
         )
     pairing = pair_by_stem(images, ranges)
+    if holds_floats(pairing.pairs[0].left):
+        raise InputError(
+            f"{images}: holds floating-point numbers, but images have 8 or 16 bits a channel: if "
+            "these are range maps, exchange --images and --range"
+        )
     config, notes = settle_response(config, pairing.pairs, has_right=False)
     found = verdict_of(RANGED_CHECKS, DiveImages(pairing.pairs, config))
     pairing = pairing.with_notes((*found.notes, *notes), found.wrong)

@@ -8,6 +8,7 @@ import sys
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.mapping.surface.open3d_library import open3d
@@ -57,7 +58,8 @@ def view_map(out: Path) -> ViewResult:
         raise InputError(f"{mesh}: is a link that leads out of {out}: put the file in its place")
     if mesh is None:
         raise InputError(
-            f"{out}: holds no map (map/mesh.ply): make it with stereo-seecolor fuse {out}"
+            f"{out}: holds no map (map/mesh.ply): make it with "
+            f"stereo-seecolor fuse {quote(str(out))}"
         )
     if not _has_screen():  # without one, Open3D does not return and rerun's viewer crashes
         raise _no_screen(mesh)

@@ -57,7 +57,7 @@ class RangedImages:
             raise InputError(
                 f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but "
                 f"its image {pair.left.name} is {image.shape[1]}x{image.shape[0]}: give the "
-                "range map of this image"
+                "range map of this image, or resize it (to the nearest pixel) if it shows all of it"
             )
         row = seam_row(image, read_image_bytes(pair.left))
         warnings = () if row is None else (f"{pair.left.name}: {seam_text(row)}",)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from calibration.errors import counted
 from stereo_seecolor.compute.sequences import Lazy
@@ -225,7 +226,7 @@ def unread_hint(names: Iterable[str]) -> str:
     names = list(names)
     bag = next((name for name in names if BAG.search(name)), None)
     if bag:
-        return f"; {bag} is a ROS bag: see what it holds with stereo-seecolor bag-info {bag}"
+        return f"; {bag} is a ROS bag: see what it holds with stereo-seecolor bag-info {quote(bag)}"
     kinds = Counter(suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD)
     if not kinds:
         return ""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations, product
 from operator import itemgetter
 from pathlib import Path
+from shlex import quote
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -205,7 +206,7 @@ def _in_one_folder(folder: Path) -> Sides:
     if len(patterns) < 2 and holds_floats(first):
         raise InputError(
             f"{folder}: holds floating-point numbers, no images: if these are range maps in "
-            f"meters, run: stereo-seecolor correct --images IMAGES --range {folder}"
+            f"meters, run: stereo-seecolor correct --images IMAGES --range {quote(str(folder))}"
         )
     if len(patterns) < 2 and (side := side_of(folder.name)):
         raise InputError(

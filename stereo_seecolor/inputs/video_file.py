@@ -2,13 +2,13 @@
 
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ ORDER_FRAMES = 12
 """So many frames tell whether a video's times rise; codecs reorder at most some."""
 
 Times = NDArray[np.int64]
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +102,17 @@ class VideoFile:
         self._frames: Iterator[Any] = iter(())
         self._last: int | None = None
 
-    def frame(self, number: int) -> Any:
-        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if missing or damaged."""
+    def read(self, number: int, convert: Callable[[Any], Read]) -> Read:
+        """What ``convert`` makes of a frame as FFmpeg decoded it (av.VideoFrame), in one thread at
+        a time: PyAV changes a frame while it converts it. Raises InputError if missing or damaged.
+        """
         if not 0 <= number < len(self.index.pts):
             raise InputError(f"{self.path}: holds no frame {number}, but {len(self.index.pts)}")
         pts = int(self.index.pts[number])
         with self._lock:
             for back_s in BACK_S:
                 if pts in self._kept or self._found(pts, back_s):
-                    return self._kept[pts]
+                    return convert(self._kept[pts])
         raise InputError(
             f"{self.path}: frame {number}, at {pts * self.index.unit_s:.3f} s, cannot be decoded"
         )
@@ -124,7 +127,7 @@ class VideoFile:
                 f"{self.path}: ends after {length_s:.1f} of {self.index.stated_s:.1f} s: it was cut"
             )
         with suppress(InputError):  # its pair says so
-            if self.frame(0).interlaced_frame:
+            if self.read(0, lambda frame: frame.interlaced_frame):
                 notes.append(
                     f"{self.path}: is interlaced: its rows were exposed at two moments; "
                     "deinterlace it first"
@@ -140,7 +143,7 @@ class VideoFile:
         """A note where the file states pixels of another shape than a calibration has; else ""."""
         wide = self.index.pixel_width
         with suppress(InputError):  # its pair says so
-            if round(self.frame(0).rotation / 90) % 2:
+            if round(self.read(0, lambda frame: frame.rotation) / 90) % 2:
                 wide = 1 / wide
         if wide == 1 or abs(K[0, 0] / K[1, 1] * wide - 1) < SAME_SHAPE:
             return ""
@@ -155,8 +158,8 @@ class VideoFile:
     def other_colors(self) -> str:
         """What a file states that its values are, where that is not near sRGB; else ""."""
         with suppress(InputError):  # its pair says so
-            frame = self.frame(0)
-            stated = CURVES.get(frame.color_trc, ""), PRIMARIES.get(frame.color_primaries, "")
+            curve, primaries = self.read(0, lambda frame: (frame.color_trc, frame.color_primaries))
+            stated = CURVES.get(curve, ""), PRIMARIES.get(primaries, "")
             return " and ".join(part for part in stated if part)
         return ""
 

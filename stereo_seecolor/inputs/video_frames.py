@@ -45,7 +45,7 @@ class VideoFacts:
 def video_facts(path: Path) -> VideoFacts:
     """Look at a video's index and first frame. Raises InputError, DeviceError."""
     video = video_file(path)
-    height, width = gray(video.frame(0)).shape
+    height, width = video.read(0, gray).shape
     number, frame_s = len(video.index.pts), video.index.frame_s
     rate_hz = 1 / frame_s if np.isfinite(frame_s) else None
     return VideoFacts((width, height), number, rate_hz, number / rate_hz if rate_hz else 0.0)
@@ -56,7 +56,7 @@ def size_of_side(left: Path, right: Path) -> tuple[int, int]:
 
     Raises InputError, DeviceError.
     """
-    image = gray(video_file(left).frame(0))
+    image = video_file(left).read(0, gray)
     height, width = (half_of(image, SIDES[0], left) if left == right else image).shape
     return width, height
 
@@ -79,7 +79,7 @@ class VideoImages(Container):
         side, _, file = name.rpartition("/")
         if not file.endswith(".tif") or not file[:-4].isdecimal() or (side and side not in SIDES):
             raise InputError(f"{self.path}: holds no image {name}")
-        rgb = pixels(video_file(self.path).frame(int(file[:-4])))
+        rgb = video_file(self.path).read(int(file[:-4]), pixels)
         return encode_tiff(half_of(rgb, side, self.path) if side else rgb)
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +131,7 @@ def open_posed_run(out: Path) -> PosedRun:
     if run.geometry is None or made is None:
         raise InputError(
             f"{out}: holds no map with the poses of the frames: make it with "
-            f"stereo-seecolor fuse {out}"
+            f"stereo-seecolor fuse {quote(str(out))}"
         )
     try:
         rows = _poses(folder / "trajectory.tum")

@@ -138,6 +138,9 @@ def test_target_that_is_not_there(
     assert code == 1
     assert "0 of 6 pairs" in said and said.count("stereo-seecolor: ") == 1
     assert not (tmp_path / "cam.yaml").exists()
+    code, _, said = cli("calibrate", *words[:3], folder / "left", *words[4:])
+    assert code == 1
+    assert f"each image was cut in two, since {folder / 'left'} is given as both sides" in said
 
 
 @pytest.mark.slow

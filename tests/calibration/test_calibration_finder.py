@@ -397,7 +397,8 @@ MATRICES = {
 
 @pytest.mark.parametrize("suffix", [".npy", ".csv", ".txt"])
 def test_a_matrix_a_file_as_numpy_saves_them(suffix: str, tmp_path: Path) -> None:
-    for name, matrix in MATRICES.items():
+    beside = rectified(1000)  # of stereoRectify: its P1 is no second camera matrix
+    for name, matrix in (MATRICES | beside).items():
         if suffix == ".npy":
             np.save(tmp_path / f"{name}.npy", matrix)
         else:
@@ -416,7 +417,8 @@ def test_a_folder_a_camera(tmp_path: Path) -> None:
         np.savetxt(
             tmp_path / side / "distortion_coeffs.csv", camera.distortion[None], delimiter=","
         )
-    for name, numbers in (("R", R), ("t", T), ("im_size", np.array(SIZE))):
+    beside = rectified(1)
+    for name, numbers in {"R": R, "t": T, "im_size": np.array(SIZE), **beside}.items():
         np.savetxt(tmp_path / f"{name}.csv", numbers, delimiter=",", fmt="%.9g")
     assert_same(load_rig(tmp_path), 1e-8)
 

@@ -233,6 +233,16 @@ def test_one_setting_describes_a_port(tmp_path: Path) -> None:
         behind_port(port_rig(), InputConfig(flat_port="30mm:10mm"))
 
 
+def test_a_pipeline_in_memory_takes_the_port_of_its_settings() -> None:
+    from stereo_seecolor import Pipeline, load_config
+
+    bare = replace(port_rig(), port=None)
+    found = Pipeline(bare, load_config(None, ["input.flat_port=30mm:10mm"])).rig
+    assert isinstance(found.port, FlatPort) and found.port.left.distance_m == 0.03
+    assert found.medium == "air"
+    assert Pipeline(bare).rig.port is None
+
+
 @pytest.mark.parametrize("distance_m", [0.0, 0.01, 0.06, 0.1])
 def test_the_proposed_port_is_near_enough_to_others(distance_m: float) -> None:
     proposed = replace(port_rig(distance_m), port=flat_port(FLAT_PORT))

@@ -328,7 +328,8 @@ def test_range_map_of_another_size(cli, tmp_path) -> None:
         str(tmp_path / "out"),
     )
     assert code == 3
-    assert "the range map is 9x8 px but its image a.png is 9x9" in printed
+    assert "the range map is 9x8 px but its image a.png is 9x9: give the range map" in printed
+    assert "or resize it (to the nearest pixel) if it shows all of it" in printed
 
 
 @pytest.mark.slow

@@ -286,6 +286,9 @@ def test_a_calibration_of_another_size_is_refused_with_what_to_do(make_dive) -> 
         CalibrationError, match=rf"0.5 times the size: .*convert-calib {cam} resized.yaml --resize"
     ):
         inspect([dive.root])
+    sides = [write_video(dive.root / f"{side}.avi", smooth_frames(2)) for side in ("left", "right")]
+    with pytest.raises(CalibrationError, match=r"the left image is .* but the calibration is for"):
+        inspect([*sides, cam])
 
 
 @pytest.mark.slow

@@ -67,9 +67,12 @@ def test_without_a_screen_the_preview_is_named(
 
 
 def test_without_a_map_the_command_that_makes_it_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "dive 1"
+    out.mkdir()
     with pytest.raises(
-        InputError, match=r"holds no map \(map/mesh\.ply\): make it with stereo-seecolor fuse"
+        InputError,
+        match=rf"holds no map \(map/mesh\.ply\): make it with stereo-seecolor fuse '{out}'",
     ):
-        view(tmp_path)
+        view(out)
     with pytest.raises(InputError, match="no such folder"):
         view(tmp_path / "out")

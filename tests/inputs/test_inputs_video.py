@@ -4,10 +4,13 @@ import os
 import re
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import av
 import cv2
@@ -25,7 +28,7 @@ from stereo_seecolor.extras.streams.videos.pairs import Videos
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
-from stereo_seecolor.inputs.video_frames import frame_path, is_video
+from stereo_seecolor.inputs.video_frames import frame_path, is_video, pixels
 
 TICKS = 90_000
 EXACT = {
@@ -141,9 +144,24 @@ def test_frames_in_any_order_are_the_same_as_in_a_row(
     assert len(wanted) == len(video_file(path).index.pts) == 60
     for number in [*range(60), *np.random.default_rng(0).permutation(60).tolist(), 59, 0]:
         video = VideoFile(path) if number % 7 == 0 else video_file(path)
-        assert np.array_equal(video.frame(number).to_ndarray(format="rgb24"), wanted[number]), (
-            number
-        )
+        found = video.read(number, lambda frame: frame.to_ndarray(format="rgb24"))
+        assert np.array_equal(found, wanted[number]), number
+
+
+def test_no_two_threads_convert_a_frame_at_once(tmp_path: Path) -> None:
+    """PyAV changes a frame while it converts it: two threads would end the program."""
+    video = video_file(write_video(tmp_path / "v.mp4", smooth_frames(2)))
+    both = threading.Barrier(2, timeout=0.2)
+
+    def meets_another(_: Any) -> bool:
+        try:
+            both.wait()
+        except threading.BrokenBarrierError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(2) as pool:
+        assert not any(pool.map(video.read, [1, 1], [meets_another] * 2))
 
 
 def test_times_are_those_of_the_file(tmp_path: Path) -> None:
@@ -318,7 +336,7 @@ def test_a_frame_that_is_damaged_is_named_and_later_ones_are_read(tmp_path: Path
     path.write_bytes(content)
     video = video_file(path)
     with pytest.raises(InputError, match=r"v\.mkv: frame 12, at 1\.200 s, cannot be decoded"):
-        video.frame(12)
+        video.read(12, pixels)
     assert near(frame_path(path, 20), frames[20])
 
 

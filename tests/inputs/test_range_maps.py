@@ -25,6 +25,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from stereo_seecolor.checks.fitted_water import range_scale_notes
 from stereo_seecolor.color import Water, fit
+from stereo_seecolor.commands.run import correct
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.synthetic.waters import WaterName, lit_water
 from stereo_seecolor.files.srgb import encode_srgb
@@ -220,6 +221,18 @@ def test_a_folder_of_another_kind_names_it(tmp_path: Path) -> None:
         pair_by_stem(tmp_path / "images", tmp_path / "range")
 
 
+def test_exchanged_images_and_range_maps_are_named(tmp_path: Path) -> None:
+    ranges, images = tmp_path / "ranges", tmp_path / "images"
+    for path, values in (
+        (ranges / "1.tiff", RANGE_M),
+        (images / "1.png", np.zeros((24, 32, 3), np.uint8)),
+    ):
+        path.parent.mkdir()
+        path.write_bytes(image_file(path.suffix, values))
+    with pytest.raises(InputError, match="if these are range maps, exchange --images and --range"):
+        correct(ranges, images, tmp_path / "out")
+
+
 def test_two_maps_of_one_name_are_named(tmp_path: Path) -> None:
     for name in ("images/1.png", "range/1.png", "range/1.tiff"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -301,7 +314,9 @@ def test_little_red_counts_only_where_a_fit_knows_it(std: float, doubted: bool) 
     )
     known = replace(water, typical_range_m=2.0, standard_errors={"y": zero + std, "w": zero})
     notes = range_scale_notes({"1": known}, given=True)
-    assert [("ranges are too long" in note) for note in notes] == [True] * doubted
+    assert len(notes) == doubted
+    for note in notes:
+        assert "ranges are too long" in note and "the images were taken in air" in note
 
 
 def test_an_unknown_standard_error_hides_no_known_one() -> None:

@@ -187,7 +187,7 @@ def _role(leaf: Leaf) -> Role | None:
         and as_transform(leaf.numbers) is not None
     ):
         return None
-    naming = [set(said) for said in reversed(every) if set(said) - words_for(said, "nothing")]
+    naming = _naming(leaf)
     said = naming[0] if naming else set()
     if leaf.numbers.size in (12, 16) and leads_from_camera(every[-1]):
         return "body" if as_transform(leaf.numbers) is not None else None
@@ -200,6 +200,12 @@ def _role(leaf: Leaf) -> Role | None:
     if {"camera", "matrix"} <= set(every[-1]):
         said = {"k", *every[-1]}
     return _role_by(said, leaf.numbers)
+
+
+def _naming(leaf: Leaf) -> list[set[str]]:
+    """The words of the keys that name anything, the innermost first."""
+    every = [set(words(key)) for key in reversed(leaf.path)]
+    return [said for said in every if said - words_for(said, "nothing")]
 
 
 def _role_by(said: set[str], numbers: Numbers) -> Role | None:
@@ -280,8 +286,8 @@ def _lens_alone(leaf: Leaf) -> Leaf:
     matrix = leaf.numbers.reshape(-1, 4)
     lens = matrix[:3, :3].ravel()
     bare = not matrix[:3, 3].any() and matrix[3:].ravel().tolist() in ([], [0, 0, 0, 1])
-    said = {word for key in leaf.path[-1:] for word in words(key)}
-    if bare and _is_lens(lens) and not words_for(said, "projection"):
+    said = _naming(leaf)[:1]
+    if bare and _is_lens(lens) and not (said and words_for(said[0], "projection")):
         return Leaf(leaf.path, lens)
     return leaf
 

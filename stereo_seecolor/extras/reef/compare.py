@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import ComparingError, InputError
@@ -90,7 +91,7 @@ def _refuse_other_voxels(*sites: Site) -> None:
         raise ComparingError(
             f"{out} was fused with voxels of {1000 * fine.posed.voxel_m:g} mm, "
             f"{coarse.posed.run.root} with {1000 * edge_m:g} mm: what the larger ones smooth would "
-            f"be change: stereo-seecolor fuse {out} --set mapping.voxel_m={edge_m:g}"
+            f"be change: stereo-seecolor fuse {quote(str(out))} --set mapping.voxel_m={edge_m:g}"
         )
 
 

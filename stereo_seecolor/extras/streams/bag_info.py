@@ -7,6 +7,7 @@ from calibration import CalibrationError
 from stereo_seecolor.commands.rig_loading import load_rig_for
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.bag_inputs import rig_of_bag
 from stereo_seecolor.extras.streams.bags.bag import Bag, open_bag
 from stereo_seecolor.extras.streams.bags.dive import BagDive, open_dive
 
@@ -62,15 +63,15 @@ def bag_info(
     if calib:
         rig = load_rig_for(calib, dive.pairing.pairs, config)
         return _facts(dive.bag, dive, rig.baseline_m, dive.pairing.notes)
-    baseline_m, problem = _baseline_m(dive)
+    baseline_m, problem = _baseline_m(dive, config)
     return _facts(
         dive.bag, dive, baseline_m, (*dive.pairing.notes, *dive.static_baseline[1], *problem)
     )
 
 
-def _baseline_m(dive: BagDive) -> tuple[float | None, tuple[str, ...]]:
+def _baseline_m(dive: BagDive, config: InputConfig) -> tuple[float | None, tuple[str, ...]]:
     try:
-        return dive.rig().baseline_m, ()
+        return rig_of_bag(dive, config).baseline_m, ()
     except (InputError, CalibrationError) as error:
         return None, (str(error),)
 

@@ -3,15 +3,29 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibration import CalibrationError, StereoRig
 from calibration.suspicions import suspicions
 from stereo_seecolor.checks.camera_response import settle_response
-from stereo_seecolor.commands.rig_loading import behind_port, load_rig_for
+from stereo_seecolor.commands.rig_loading import behind_port, load_rig_for, other_size
 from stereo_seecolor.commands.stereo_inputs import Opened, calibration_files, sample, settle_storage
-from stereo_seecolor.config import RunConfig
-from stereo_seecolor.extras.streams.bags.dive import open_dive
+from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.extras.streams.bags.dive import BagDive, open_dive
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.ownership import Owner
+
+
+def rig_of_bag(dive: BagDive, images: InputConfig) -> StereoRig:
+    """The rig that a bag holds for its images. Raises InputError, CalibrationError."""
+    rig = dive.rig()
+    if other := other_size(rig, dive.pairing.pairs, images):
+        sizes = ["{}x{}".format(*size) for size in (other, rig.left.image_size)]
+        raise CalibrationError(
+            f"{dive.bag.path}: the left images are {sizes[0]} px, but camera_info is for "
+            f"{sizes[1]}: give the images that it belongs to (--topics), or a calibration for "
+            "these (--calib)"
+        )
+    return rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +71,7 @@ class BagInputs:
         rig = (
             load_rig_for(self.calib, dive.pairing.pairs, config.input)
             if self.calib
-            else behind_port(dive.rig(), config.input)
+            else behind_port(rig_of_bag(dive, config.input), config.input)
         )
         notes += () if self.calib else dive.static_baseline[1]
         notes += tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))

@@ -1,6 +1,7 @@
 """Commands over bags, videos and live cameras: live, bag-info, sync."""
 
 import logging
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -253,11 +254,13 @@ def bag_info(
     with report.working():
         found = look(bag, topics, calib=calib or "")
     report.end(
-        vars(found), bag_text(found, calib or ""), EXIT_DONE if found.pairs else EXIT_SOME_FAILED
+        vars(found),
+        bag_text(found, calib or "", topics),
+        EXIT_DONE if found.pairs else EXIT_SOME_FAILED,
     )
 
 
-def bag_text(facts: "BagFacts", calib: str = "") -> str:
+def bag_text(facts: "BagFacts", calib: str = "", topics: str = "") -> str:
     """The topics of a bag, then its pairs, and last the run command."""
     width = max(len(topic.name) for topic in facts.topics)
     output = [
@@ -267,14 +270,14 @@ def bag_text(facts: "BagFacts", calib: str = "") -> str:
     for topic in facts.topics:
         rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
         output.append(
-            f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} "
-            f"messages{rate}"
+            f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: "
+            f"{counted(topic.messages, 'message')}{rate}"
         )
     if facts.pairs:
         rig = (
             f"baseline {1000 * facts.baseline_m:.1f} mm, from {calib or 'camera_info'}"
             if facts.baseline_m
-            else "no calibration in the bag"
+            else "no calibration for these images in the bag"
         )
         output.append(
             f"{counted(facts.pairs, 'pair')}, "
@@ -283,8 +286,10 @@ def bag_text(facts: "BagFacts", calib: str = "") -> str:
     output += [f"note: {note}" for note in facts.notes]
     if facts.pairs:
         named = calib or ("" if facts.baseline_m else "cam.yaml")
-        option = f" --calib {named}" if named else ""
-        output += ["", f"stereo-seecolor run --bag {facts.bag}{option} --out out"]
+        given = ["--topics", topics] if topics else []
+        given += ["--calib", named] if named else []
+        words = ["stereo-seecolor", "run", "--bag", str(facts.bag), *given, "--out", "out"]
+        output += ["", shlex.join(words)]
     return lines(*output)
 
 
@@ -297,6 +302,7 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
 
     with report.working():
         found = find(left, right, calib or "")
+    given = ["--left", str(left), "--right", str(right), "--calib", calib or "cam.yaml"]
     output = [found.text]
     output += [
         f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms"
@@ -305,7 +311,6 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
     output += [
         counted(found.pairs, "pair of frames"),
         "",
-        f"stereo-seecolor run --left {left} --right {right} --calib {calib or 'cam.yaml'} "
-        "--out out",
+        shlex.join(["stereo-seecolor", "run", *given, "--out", "out"]),
     ]
     report.end(vars(found), lines(*output))

@@ -2,6 +2,7 @@
 what is wrong.
 """
 
+import re
 import shutil
 import sqlite3
 from pathlib import Path
@@ -31,9 +32,10 @@ from small_dives import write_half_of_the_real_dive
 
 from calibration import CalibrationError
 from calibration.formats import load_rig
-from stereo_seecolor.config import InputConfig
+from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import DeviceError, InputError, SeeColorError
 from stereo_seecolor.extras.streams.bag_info import bag_info
+from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 from stereo_seecolor.extras.streams.bags.bag import open_bag
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.files.tiff import encode_tiff
@@ -443,6 +445,31 @@ def test_a_camera_info_of_another_frame_is_noted(messages, tmp_path) -> None:
     assert found.rig().baseline_m == pytest.approx(0.1)
 
 
+def test_stamps_that_all_end_alike_are_no_names(tmp_path: Path) -> None:
+    """The times of a trigger at full seconds, and of one that is 0.4 s late."""
+    sent = [
+        raw(f"{camera}/image_raw", (1_700_000_000 + i) * 10**9 + late_ns, picture(i), "rgb8")
+        for i in range(6)
+        for camera, late_ns in ((LEFT, 0), (RIGHT, 400_000_000))
+    ]
+    found = open_dive(write_bag(tmp_path / "b.bag", sent), "", InputConfig()).pairing
+    assert next(pair.name for pair in found.pairs) == "1700000000-000000000"
+    assert "the right clock is 0.400 s ahead of the left one" in found.notes[0]
+
+
+def test_images_of_another_size_than_camera_info_are_named(messages, tmp_path) -> None:
+    small = [
+        raw(sent.topic, sent.stamp_ns, picture(0), "rgb8") if "image" in sent.topic else sent
+        for sent in messages
+    ]
+    bag = write_bag(tmp_path / "b.bag", small)
+    said = "the left images are 16x12 px, but camera_info is for .*: give the images that"
+    with pytest.raises(CalibrationError, match=said):
+        BagInputs(bag).open(RunConfig())
+    assert bag_info(bag).baseline_m is None
+    assert re.search(said, bag_info(bag).notes[-1])
+
+
 def test_bag_info_says_what_run_would_take(messages, cli, tmp_path) -> None:
     bag = write_bag(tmp_path / "b.bag", messages)
     code, printed, _ = cli("bag-info", bag)
@@ -453,6 +480,9 @@ def test_bag_info_says_what_run_would_take(messages, cli, tmp_path) -> None:
         f"stereo-seecolor run --bag {bag} --out out",
     ):
         assert line in printed
+    given = f"left={LEFT}/image_raw,right={RIGHT}/image_raw"
+    _, printed, _ = cli("bag-info", write_bag(tmp_path / "b 1.bag", messages), "--topics", given)
+    assert f"run --bag '{tmp_path / 'b 1.bag'}' --topics {given} --out out" in printed
     none = write_bag(tmp_path / "none.bag", camera_infos(tmp_path / "dive/cam.yaml"))
     code, printed, _ = cli("bag-info", none)
     assert (code, "(it has none)" in printed) == (3, True)

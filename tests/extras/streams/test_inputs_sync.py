@@ -19,7 +19,7 @@ from stereo_seecolor.extras.streams.videos.choice import choose_frames
 from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
 from stereo_seecolor.extras.streams.videos.motion import VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.pairs import Videos
-from stereo_seecolor.extras.streams.videos.row_lag import row_lag
+from stereo_seecolor.extras.streams.videos.row_lag import row_lag, solve_shift
 from stereo_seecolor.extras.streams.videos.sync import sync
 from stereo_seecolor.extras.streams.videos.synchronization import paired
 
@@ -115,14 +115,14 @@ def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
-    left, right = write_pair(tmp_path, -0.4, seconds=10, sound=True, flash_s=4.0)
+    left, right = write_pair(tmp_path / "dive 1", -0.4, seconds=10, sound=True, flash_s=4.0)
     code, printed, said = cli("sync", left, right)
     assert code == 0, said
     for word in (
         "from motion and sound and flash",
         "motion: -0.",
         "pairs of frames",
-        f"run --left {left}",
+        f"run --left '{left}'",
     ):
         assert word in printed
     assert sync(left, right).pairs == pytest.approx(300 - 12, abs=2)
@@ -256,6 +256,20 @@ def test_rows_tell_the_offset_to_a_fraction_of_a_frame(tmp_path: Path, offset_s:
     found = row_lag(videos, rig(), signals, coarse, paired(signals, coarse).pairs)
     assert found is not None
     assert abs(found.offset_s - offset_s) < min(0.001, 3 * found.std_s)
+
+
+def test_frames_taken_together_count_more_than_their_neighbors() -> None:
+    """What the pictures' motion misses grows with the time between two frames, and does not move
+    the offset that frames of one moment show.
+    """
+    random = np.random.default_rng(0)
+    speeds = random.normal(0, 0.02, 48)
+    apart_s = np.where(np.arange(48) % 2, 1 / RATE_HZ, 0.0)
+    missed = np.where(apart_s > 0, random.normal(-0.0003, 0.0003, 48), 0.0)
+    rows = random.normal(0, 3e-6, 48)
+    found = solve_shift(-speeds * apart_s, speeds, -speeds * apart_s + missed + rows, apart_s)
+    assert found is not None
+    assert abs(found[0]) < min(0.0005, 3 * found[1])
 
 
 @pytest.mark.slow

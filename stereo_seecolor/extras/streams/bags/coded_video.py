@@ -53,12 +53,13 @@ class CodedVideo:
         number = self._numbers[id(entry)]
         with self._lock:
             frame = self._frame(number)
-        if frame is None:
+            rgb = None if frame is None else pixels(frame)
+        if rgb is None:
             raise InputError(
                 f"{self._where}: the picture of {entry.stamp_ns / 1e9:.3f} s cannot be decoded: it "
                 "is damaged, or a frame that it depends on is"
             )
-        return encode_tiff(pixels(frame))
+        return encode_tiff(rgb)
 
     def _shown(self, topic: Topic) -> tuple[Topic, tuple[str, ...]]:
         first = next(iter(self._keys), None)

@@ -143,8 +143,9 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
         if sides.left.name in bag.unstamped
         else ""
     )
+    by_time = config.model_copy(update={"pairing": "timestamp"})  # all names are stamps
     pairing = pair_files(
-        lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}"
+        lefts, rights, by_time, f"{path}: {sides.left.name} and {sides.right.name}{untimed}"
     )
     infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
     coded = tuple(note for video in videos if video for note in video.notes)

@@ -33,6 +33,7 @@ class RowLagLimits:
     # nothing
     speed: float = 0.004
     outlier_sigmas: float = 4.0
+    least_error: float = 0.1  # of the nearer pairs over that of the farther ones: rows are read so
     # of the speeds that the pictures' motion gives, which are good to a fifth; less is something
     # else
     least_factor: float = 0.5
@@ -73,7 +74,8 @@ def row_lag(
     height = CubicSpline(
         left.times_s, np.append(0.0, np.cumsum(left.motion[:, 1] * np.diff(left.times_s)))
     )
-    found = _solved(height(at + rest_s) - height(at), height(at + rest_s, 1), misfits)
+    moved = height(at + rest_s) - height(at)
+    found = solve_shift(moved, height(at + rest_s, 1), misfits, np.abs(rest_s))
     if found is None:
         return None
     early_s, std_s = found
@@ -121,34 +123,38 @@ def _grays(path: Path, times_s: Array) -> Iterator[NDArray[np.uint8]]:
     video = video_file(path)
     with suppress(InputError):
         for number in video.index.numbers_at(times_s):
-            yield gray(video.frame(number))
+            yield video.read(number, gray)
 
 
-def _solved(moved: Array, speeds: Array, misfits: Array) -> tuple[float, float] | None:
+def solve_shift(
+    moved: Array, speeds: Array, misfits: Array, apart_s: Array
+) -> tuple[float, float] | None:
     """By how much the right clock is ahead of what was assumed, seconds, and its standard error;
     None where that is not determined.
 
     moved: what the picture moves down between the two moments of a pair by the assumed lag; speeds:
     how fast it does then. Both may be wrong by one factor, which is solved for, as is the rig's own
-    misfit.
+    misfit. apart_s: the time between the two; what ``moved`` misses grows with it, so that the
+    nearer and the farther half of the pairs count by their own errors.
     """
     A = np.column_stack([moved, -speeds, np.ones(len(speeds))])[: len(misfits)]
-    known = np.isfinite(misfits)
-    for _ in range(3):
+    known, error = np.isfinite(misfits), np.ones(len(misfits))
+    for _ in range(5):
         if known.sum() < 2 * LIMITS.least_pairs or A[known, 1].std() < LIMITS.speed:
             return None
-        solution, *_ = np.linalg.lstsq(A[known], misfits[known], rcond=None)
+        near = apart_s <= np.median(apart_s)
+        weighted = A[known] / error[known, None]
+        solution, *_ = np.linalg.lstsq(weighted, misfits[known] / error[known], rcond=None)
         rest = misfits - A @ solution
-        spread = deviation_about_zero(rest[known]) + 1e-9
-        keep = np.isfinite(misfits) & (np.abs(rest) < LIMITS.outlier_sigmas * spread)
-        if (keep == known).all():
-            break
-        known = keep
+        halves = (known & near, known & ~near)
+        spreads = [deviation_about_zero(rest[half]) + 1e-9 if half.any() else 0 for half in halves]
+        nearer, farther = np.maximum(spreads, LIMITS.least_error * max(spreads))
+        error = np.where(near, nearer, farther)
+        known = np.isfinite(misfits) & (np.abs(rest) < LIMITS.outlier_sigmas * error)
     factor, shift, _ = solution
     if not LIMITS.least_factor < factor < 1 / LIMITS.least_factor:
         return None
-    covariance = (
-        np.linalg.inv(A[known].T @ A[known]) * float((rest[known] ** 2).sum()) / (known.sum() - 3)
-    )
+    weighted, left = A[known] / error[known, None], rest[known] / error[known]
+    covariance = np.linalg.inv(weighted.T @ weighted) * float(left @ left) / (known.sum() - 3)
     gradient = np.array([-shift / factor**2, 1 / factor, 0.0])
     return float(shift / factor), float(np.sqrt(gradient @ covariance @ gradient))
