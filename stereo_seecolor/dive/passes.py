@@ -25,7 +25,7 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.sharing.survey import CountedFrames, add_to
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.names import ByName
+from stereo_seecolor.compute.names import ByName, Names
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt
@@ -182,7 +182,8 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
     )
     found = search.solve(allowed)
     content = found.light.content() if found.light and found.light.light else None
-    return KeptLight(found.light.note if found.light else NO_SHARED_SPOTS, content, found.linked)
+    note = found.light.note if found.light else NO_SHARED_SPOTS
+    return KeptLight(note, content, Names(found.linked))
 
 
 def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[str, Water]:
