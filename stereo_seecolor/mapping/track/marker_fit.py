@@ -111,18 +111,6 @@ def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
     return MarkersFit(found, scale, std, before, {}, refused, doubled=marks.doubled)
 
 
-def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit:
-    """Compute what is left of each disagreement. marks: those that were used, scaled."""
-    T = _main(placement)
-    after = marks.checks(T)
-    return replace(
-        fit,
-        after=after,
-        control=_control(marks, T) if PLACES in after else None,
-        origin=marks.places.origin,
-    )
-
-
 def fit_to_fiducials(
     track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]
 ) -> tuple[Placement, MarkersFit]:
@@ -144,7 +132,9 @@ def fit_to_fiducials(
     elif not priors:
         start = at_places(used, start)
     better = refined(track.scaled(fit.scale), start, priors, used)
-    return better, final_fit(fit, used, better)
+    after = used.checks(_main(better))
+    control = _control(used, _main(better)) if PLACES in after else None
+    return better, replace(fit, after=after, control=control, origin=used.places.origin)
 
 
 def _main(placement: Placement) -> Array:
