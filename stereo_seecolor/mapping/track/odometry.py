@@ -99,14 +99,6 @@ class Track:
             Edge.of(order, *ends, relation, loop) for ends in new if (relation := self.found[ends])
         ]
 
-    def measure_neighbors(self, steps: int, guess: Guess | None) -> None:
-        """Add the edges of frames that lie so many steps apart; guess: as ``measure``."""
-        pairs = [(here - steps, here) for here in range(steps, len(self.features))]
-        what = (
-            "following the track" if steps == 1 else (f"estimating the track, {steps} frames back")
-        )
-        self.edges += self.measure(pairs, what, guess=guess, sure=True)
-
     def take_out_image_errors(self) -> None:
         """Correct all features for errors common to the images, and measure the edges again."""
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
@@ -152,7 +144,9 @@ def follow(survey: Survey) -> Track:
     track = _featured(survey)
     guess: Guess | None = None
     for steps in range(1, SETTINGS.window + 1):
-        track.measure_neighbors(steps, guess)
+        pairs = [(here - steps, here) for here in range(steps, len(track.features))]
+        what = "following the track" if steps == 1 else f"estimating the track, {steps} frames back"
+        track.edges += track.measure(pairs, what, guess=guess, sure=True)
         guess = Guess(*chain(track.edges, survey.index.rank)) if track.edges else None
     track.take_out_image_errors()
     return track
