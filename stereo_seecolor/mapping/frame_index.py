@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.compute.sequences import Changed, Lazy
 from stereo_seecolor.compute.threads import Lock, Threads
 from stereo_seecolor.files.atomic import output_errors
-from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import Map, SurveyFrame
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse, nearest_rotation, rigid_transform, transform_points
+from stereo_seecolor.compute.sequences import Changed
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.mapping.track import loops as loop_closure
