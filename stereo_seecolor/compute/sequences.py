@@ -24,20 +24,6 @@ class Lazy(Sequence[Item]):
         return self.item(range(len(self))[index])
 
 
-class Chosen(Lazy[Item]):
-    """Some items of a sequence. numbers: the numbers of these items, in order."""
-
-    def __init__(self, items: Sequence[Item], numbers: Sequence[int]) -> None:
-        self._items, self._numbers = items, numbers
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    def item(self, number: int) -> Item:
-        """The item of this number among those chosen."""
-        return self._items[self._numbers[number]]
-
-
 class Changed(Lazy[Item]):
     """What ``change`` makes of each item of a sequence."""
 
