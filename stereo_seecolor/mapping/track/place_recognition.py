@@ -89,7 +89,9 @@ def by_appearance(features: Sequence[Features], compute: Compute) -> Pairs:
         compute.each(_reduced(Description(features, words), chosen), range(len(features)))
     )
     seen = [position for position, vector in enumerate(described) if len(vector)]
-    return _nearest(np.stack([described[position] for position in seen]), np.array(seen, np.int64))
+    near = _compared(np.stack([described[position] for position in seen]), np.array(seen, np.int64))
+    pairs = zip(np.repeat(seen, near.shape[1]).tolist(), near.ravel().tolist(), strict=True)
+    return sorted({(min(pair), max(pair)) for pair in pairs if pair[1] >= 0})
 
 
 def _reduced(describe: Description, chosen: Sequence[int]) -> Description:
@@ -107,15 +109,6 @@ def _reduced(describe: Description, chosen: Sequence[int]) -> Description:
     )
     axes /= np.maximum(np.linalg.norm(axes, axis=0), 1e-6)
     return Description(describe.features, describe.words, mean, np.ascontiguousarray(axes))
-
-
-def _nearest(vectors: Vectors, ranks: NDArray[np.int64]) -> Pairs:
-    """The few nearest of each that are not its neighbors on the track."""
-    near = _compared(vectors, ranks)
-    pairs = set()
-    for rank, found in zip(ranks.tolist(), near, strict=True):
-        pairs |= {(min(rank, int(other)), max(rank, int(other))) for other in found if other >= 0}
-    return sorted(pairs)
 
 
 def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -137,11 +130,9 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
     for cell in range(count):
         members = np.flatnonzero(order[:, 0] == cell)
         asking = np.flatnonzero((order == cell).any(axis=1))
-        for part in (
-            np.array_split(asking, -(-len(asking) // RECOGNITION_SETTINGS.cell))
-            if len(members)
-            else ()
-        ):
+        if not len(members):
+            continue
+        for part in np.array_split(asking, -(-len(asking) // RECOGNITION_SETTINGS.cell)):
             squared = (vectors[members] ** 2).sum(1) - 2 * vectors[part] @ vectors[members].T
             squared[
                 np.abs(ranks[part][:, None] - ranks[members]) < RECOGNITION_SETTINGS.min_apart
@@ -150,12 +141,7 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
             names = np.concatenate(
                 [near[part], np.broadcast_to(ranks[members], squared.shape)], axis=1
             )
-            best = (
-                both.argpartition(wanted - 1, axis=1)[:, :wanted]
-                if both.shape[1] > wanted
-                else np.arange(both.shape[1])[None]
-            )
-            best = np.broadcast_to(best, (len(part), best.shape[1]))
+            best = both.argpartition(wanted - 1, axis=1)[:, :wanted]
             least[part] = np.take_along_axis(both, best, 1)
             near[part] = np.take_along_axis(names, best, 1)
     return np.where(np.isfinite(least), near, -1)
