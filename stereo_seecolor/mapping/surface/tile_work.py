@@ -1,7 +1,6 @@
 """The work on one tile of a map, which can be sent to another process."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +13,8 @@ from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 
-
-@dataclass(frozen=True, eq=False)
-class PlacedTile:
-    """A tile, and the poses (k, 4, 4) of its frames in the map's coordinates."""
-
-    tile: Tile
-    T_local_camera: NDArray[np.float64]
+PlacedTile = tuple[Tile, NDArray[np.float64]]
+"""A tile, and the poses (k, 4, 4) of its frames in the map's coordinates."""
 
 
 def fuse(
@@ -37,14 +31,15 @@ def fuse(
     """
     lost: dict[int, Unplaced] = {}
     read = _read(frames, placed, lost)
-    store.save(placed.tile, engine(engine_name)(placed.tile, tiling, read, geometry))
+    store.save(placed[0], engine(engine_name)(placed[0], tiling, read, geometry))
     return lost
 
 
 def _read(frames: Frames, placed: PlacedTile, lost: dict[int, Unplaced]) -> Iterator[PlacedFrame]:
     """The tile's frames that can be read, the next ones being read while one is fused."""
-    read = Threads(1).each(frames.__getitem__, placed.tile.frames)
-    for number, frame, T in zip(placed.tile.frames, read, placed.T_local_camera, strict=True):
+    tile, poses = placed
+    read = Threads(1).each(frames.__getitem__, tile.frames)
+    for number, frame, T in zip(tile.frames, read, poses, strict=True):
         if isinstance(frame, Unplaced):
             lost[number] = frame
         else:
