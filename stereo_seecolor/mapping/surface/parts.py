@@ -1,5 +1,6 @@
 """Tiles joined without seams: points on a border between tiles are written once."""
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
@@ -12,8 +13,6 @@ from stereo_seecolor.files.ply import FACE, VERTEX, header
 from stereo_seecolor.mapping.surface.small_parts import near_border
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tiling
-
-CHUNK_BYTES = 1 << 22
 
 
 def write_map(
@@ -71,5 +70,4 @@ def _assemble(path: Path, head: bytes, *bodies: Path) -> None:
         target.write(head)
         for body in bodies:
             with body.open("rb") as source:
-                while chunk := source.read(CHUNK_BYTES):
-                    target.write(chunk)
+                shutil.copyfileobj(source, target)
