@@ -339,7 +339,7 @@ def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) ->
             RefinementSettings(),
             RefinementSettings(most_frames=10, window=8, overlap=4),
         ):
-            monkeypatch.setattr(placement_refinement, "REFINEMENT_SETTINGS", settings)
+            monkeypatch.setattr(placement_refinement, "SETTINGS", settings)
             found.append(refined(track, placement).T_world_camera)
         ends.append([off_m(T, scene)[-1] for T in (start, *found)])
     graph, whole, windows = np.sqrt((np.array(ends) ** 2).mean(axis=0))

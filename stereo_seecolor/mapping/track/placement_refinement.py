@@ -35,7 +35,7 @@ class RefinementSettings:
     overlap: int = 50
 
 
-REFINEMENT_SETTINGS = RefinementSettings()
+SETTINGS = RefinementSettings()
 
 
 def refined(
@@ -56,7 +56,7 @@ def refined(
         frames = sorted(placement.frames_of(component).tolist(), key=lambda frame: int(rank[frame]))
         edges = _within(track.edges, frames)
         known = [prior for prior in priors if placement.components[prior.frame] == component]
-        if len(frames) > REFINEMENT_SETTINGS.most_frames:
+        if len(frames) > SETTINGS.most_frames:
             T = _by_windows(T, track, frames, edges, known)
         elif edges:
             here = marks if component == 0 else None
@@ -80,9 +80,7 @@ def _adjusted(
     marks: Marks | None = None,
 ) -> Adjusted:
     """Poses (N, 4, 4) of frames, in the order of time, by the edges between them."""
-    most = min(
-        REFINEMENT_SETTINGS.most_observations, REFINEMENT_SETTINGS.most_a_frame * len(frames)
-    )
+    most = min(SETTINGS.most_observations, SETTINGS.most_a_frame * len(frames))
     found = observations(track.features, [track.relation(edge) for edge in edges], most)
     found = replace(found, frame=track.survey.index.order[found.frame])
     found, known = marks.joined(found, set(frames)) if marks else (found, [])
@@ -108,8 +106,8 @@ def _by_windows(
     that holds both of its frames. left: all edges.
     """
     every, edges = left, list[Edge]()
-    for start in range(0, len(frames), REFINEMENT_SETTINGS.window - REFINEMENT_SETTINGS.overlap):
-        window = frames[start : start + REFINEMENT_SETTINGS.window]
+    for start in range(0, len(frames), SETTINGS.window - SETTINGS.overlap):
+        window = frames[start : start + SETTINGS.window]
         within = _within(every, window)
         if not within:
             continue
