@@ -43,12 +43,6 @@ class SeenCells:
     color: NDArray[np.uint8]
     cost: Float
 
-    def in_window(self, shape: tuple[int, int]) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
-        """Which cells (H, W) of the whole window it sees, and its colors (H, W, 3), else 0."""
-        seen, color = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.uint8)
-        seen[self.part], color[self.part] = np.isfinite(self.cost), self.color
-        return seen, color
-
 
 def blend(views: Sequence[SeenCells], mean: Float) -> NDArray[np.uint8]:
     """Paint each cell from the view of least smoothed cost, in the color of the mean (H, W, 3),
@@ -63,7 +57,8 @@ def blend(views: Sequence[SeenCells], mean: Float) -> NDArray[np.uint8]:
         window = _around(mine)
         if window is None:
             continue
-        seen, color = view.in_window(best.shape)
+        seen, color = np.zeros(best.shape, np.bool_), np.zeros((*best.shape, 3), np.uint8)
+        seen[view.part], color[view.part] = np.isfinite(view.cost), view.color
         weight = (
             cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px)
             * seen[window]

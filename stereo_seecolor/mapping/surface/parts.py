@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.ply import FACE, VERTEX, header
@@ -50,19 +49,15 @@ def _write_bodies(
         new = np.flatnonzero(numbers < 0)
         numbers[new] = points + np.arange(len(new))
         border.update(zip(keys, numbers[on_border].tolist(), strict=True))
-        vertex_file.write(_vertices(surface, new).tobytes())
+        vertices = np.empty(len(new), VERTEX)
+        vertices["position"], vertices["normal"] = surface.points_m[new], surface.normals[new]
+        vertices["color"] = surface.colors[new]
+        vertex_file.write(vertices.tobytes())
         faces = np.empty(len(surface.triangles), FACE)
         faces["count"], faces["indices"] = 3, numbers[surface.triangles]
         face_file.write(faces.tobytes())
         points, triangles = points + len(new), triangles + len(faces)
     return points, triangles
-
-
-def _vertices(surface: Surface, chosen: NDArray[np.int64]) -> NDArray[np.void]:
-    vertices = np.empty(len(chosen), VERTEX)
-    vertices["position"], vertices["normal"] = surface.points_m[chosen], surface.normals[chosen]
-    vertices["color"] = surface.colors[chosen]
-    return vertices
 
 
 def _assemble(path: Path, head: bytes, *bodies: Path) -> None:
