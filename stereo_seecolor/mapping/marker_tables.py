@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.formats.reading.aliases import METERS
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import is_unit, separator_of, split_fields
 from stereo_seecolor.files.text_documents import read_text
-from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.records import Array, GeoOrigin
 
-Array = NDArray[np.float64]
 USUAL_STD_M = 0.01
 """Standard error of a surveyed place where the table has none, meters: divers' tape, level."""
 LONGEST_BAR_M = 20.0

@@ -26,13 +26,13 @@ from stereo_seecolor.mapping.raster.structure import (
     windows_of,
 )
 from stereo_seecolor.mapping.raster.terrain import Terrain
+from stereo_seecolor.records import Array
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.squares import Place, Window, roughness_without_noise, squared_roughness
 from stereo_seecolor.report.terrain_views import correlation_of, noise_of, views_of
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
-Array = NDArray[np.float64]
 PART_CELLS = 768
 """Edge of the parts, cells: with squares of a hundred cells, 180 MB are in memory at once."""
 DRAWS = 8

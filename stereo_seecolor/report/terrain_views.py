@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from calibration.transforms import inverse, transform_points
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.records import Array, SurveyFrame
 from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic_blend import SeenCells, blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
+from stereo_seecolor.records import Array
 
 Float = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

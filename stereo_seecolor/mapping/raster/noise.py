@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
+
 DRAWS = 24
 """The standard error is then itself known to 15 % (1 / sqrt(2 (n - 1)))."""
 

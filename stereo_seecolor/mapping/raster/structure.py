@@ -23,8 +23,8 @@ from stereo_seecolor.mapping.raster.square_metrics import (
     rugosity_hvar,
 )
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 Window = tuple[slice, slice]
 
 EDGES_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)

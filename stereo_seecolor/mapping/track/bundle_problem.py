@@ -18,9 +18,7 @@ from stereo_seecolor.mapping.track.image_space import cross, inverses
 from stereo_seecolor.mapping.track.known_points import Known
 from stereo_seecolor.mapping.track.pose_graph import CAUCHY, Prior
 from stereo_seecolor.mapping.track.shared_points import TrackObservations
-
-Array = NDArray[np.float64]
-
+from stereo_seecolor.records import Array
 
 Integers = NDArray[np.int64]
 Result = TypeVar("Result")

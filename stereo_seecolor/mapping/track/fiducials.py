@@ -13,7 +13,6 @@ from functools import partial
 from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MarkersConfig
@@ -35,9 +34,7 @@ from stereo_seecolor.mapping.survey_frames import Frames
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.shared_points import TrackObservations
-from stereo_seecolor.records import SurveyFrame
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, SurveyFrame
 
 
 @dataclass(frozen=True)

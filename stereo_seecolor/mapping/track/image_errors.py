@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibration.geometry import RectifiedPair
@@ -20,9 +19,9 @@ from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Observed, from_plane, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
 from stereo_seecolor.mapping.track.relative_pose import inverse_covariance, pulled
+from stereo_seecolor.records import Array
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
-Array = NDArray[np.float64]
 TERMS = 11
 """The first: the fraction by which relief is flattened. Ten of the lens: a radial term, three
 square ones of the disparity (x x, x y, y y), a second radial term, four cubic ones of the

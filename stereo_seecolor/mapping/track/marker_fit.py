@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
@@ -14,9 +13,7 @@ from stereo_seecolor.mapping.track.fiducials import PLACES, SETTINGS, Marks
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.placement_refinement import refined
 from stereo_seecolor.mapping.track.pose_graph import Prior
-from stereo_seecolor.records import GeoOrigin
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, GeoOrigin
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.track.sift import Integers
-
-Array = NDArray[np.float64]
-
+from stereo_seecolor.records import Array
 
 Descriptors = NDArray[np.uint8]
 

@@ -22,8 +22,7 @@ from stereo_seecolor.mapping.track.image_errors import find_image_errors
 from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge, ExpectedPose, RelativePose
 from stereo_seecolor.mapping.track.track_work import Ends, refit, relate, seen_pair, store_features
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import inverse
 from stereo_seecolor.compute.process import return_freed
@@ -17,8 +16,7 @@ from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.mapping.track.shared_points import observations
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Moved, Observed, inverses, move
 from stereo_seecolor.mapping.track.near_matches import match_near
 from stereo_seecolor.mapping.track.sift import match_descriptors
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.records import Array
+
 CONTRAST = 0.01
 """SIFT's threshold, a quarter of Lowe's 0.04: hazy frames have little contrast."""
 AT_ONCE = 128
 """Descriptors compared with all of the other image: their distances stay in the cache."""
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
