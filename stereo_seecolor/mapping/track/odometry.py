@@ -164,24 +164,20 @@ def _featured(survey: Survey) -> Track:
     return track
 
 
-def solve(
-    track: Track, priors: Sequence[pose_graph.Prior] = (), rounds: int = SETTINGS.loop_rounds
-) -> Placement:
+def solve(track: Track, rounds: int = SETTINGS.loop_rounds) -> Placement:
     """Place the frames by their edges, loops, and a pose graph over all.
 
-    The world is the first placed frame's camera. With priors (navigation, depth, attitude) it is
-    theirs, and components that pictures cannot join keep their place by them. Frames that match no
-    other are named; frames that only match among themselves make a component of their own. rounds:
-    of looking for loops.
-    Raises MappingError if no two frames match; DeviceError for priors without GTSAM.
+    The world is the first placed frame's camera. Frames that match no other are named; frames that
+    only match among themselves make a component of their own. rounds: of looking for loops.
+    Raises MappingError if no two frames match.
     """
     if not track.edges:
         raise MappingError("no two frames overlap: the track cannot be estimated; give --poses")
     index = track.survey.index
     guess = Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
-    if priors or (rounds and pose_graph.available()):
-        guess = _close_loops(track, guess, priors, rounds)
+    if rounds and pose_graph.available():
+        guess = _close_loops(track, guess, rounds)
     elif rounds:
         warnings.append(
             "loops were not closed, because GTSAM is missing: pip install "
@@ -233,18 +229,16 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
     )
 
 
-def _close_loops(
-    track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int
-) -> Guess:
+def _close_loops(track: Track, guess: Guess, rounds: int) -> Guess:
     """Solve; then find loops and solve again, in rounds: overlap is better known after each."""
-    guess = _settle(track, guess, priors)
+    guess = _settle(track, guess)
     for number in range(rounds):
         inside, joins = _sorted_loops(track, guess, _measure_loops(track, guess, number))
         joins = agreeing(joins, guess.T, guess.components)
         track.edges += inside + joins
         if joins:
             guess = Guess(*chain(track.edges, track.survey.index.rank))
-        guess = _settle(track, guess, priors)
+        guess = _settle(track, guess)
     return guess
 
 
@@ -282,7 +276,7 @@ def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
     )
 
 
-def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior]) -> Guess:
+def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior] = ()) -> Guess:
     """Solve each component; drop false loops, split what only they held, and solve again."""
     T, false = _solve(guess, track.edges, priors)
     if not false:
