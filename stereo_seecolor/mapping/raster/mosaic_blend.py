@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.mapping.raster.grid import widened
+
 Float = NDArray[np.float32]
 
 
@@ -84,20 +86,14 @@ def _as_the_mean(
     cells that the view sees.
     """
     reach = int(np.ceil(2 * SETTINGS.band_px))
-    rows, columns = window
-    top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
     # the blur at the window's edge reaches so far
-    wide = (slice(top, rows.stop + reach), slice(left, columns.stop + reach))
+    wide, inner = widened(window, reach, reach, seen.shape)
     own, is_seen = color[wide].astype(np.float32), seen[wide][..., None]
     own_band, mean_band = _coarse_band(own * is_seen), _coarse_band(mean[wide] * is_seen)
     factor = np.clip(
         (mean_band + 1e-3) / (own_band + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change
     )
     factor = cv2.resize(factor, own.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    inner = (
-        slice(rows.start - top, rows.stop - top),
-        slice(columns.start - left, columns.stop - left),
-    )
     return np.asarray(own[inner] * factor[inner], np.float32)
 
 
