@@ -127,10 +127,7 @@ class _Ranges:
 
     def near(self, points: Floats) -> list[int]:
         """The frames whose farthest measurement reaches a box around cells (n, 4)."""
-        if not len(self._numbers):
-            return []
-        low = np.append(points[:, :2].min(axis=0), points[:, 2].min())
-        high = np.append(points[:, :2].max(axis=0), points[:, 3].max())
+        low, high = points[:, [0, 1, 2]].min(axis=0), points[:, [0, 1, 3]].max(axis=0)
         eye = self.component.T_local_camera[self._numbers, :3, 3]
         away_m = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0), axis=1)
         return [int(i) for i in self._numbers[away_m <= self._reach_m * (1 + SAME_RANGE)]]

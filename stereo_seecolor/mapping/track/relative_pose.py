@@ -12,7 +12,7 @@ from calibration.transforms import inverse, rigid_transform, rotation_from_vecto
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Moved, Observed, inverses, move
 from stereo_seecolor.mapping.track.near_matches import match_near
-from stereo_seecolor.mapping.track.sift import match_descriptors
+from stereo_seecolor.mapping.track.sift import FeatureMatches, match_descriptors
 from stereo_seecolor.records import Array
 
 
@@ -133,13 +133,13 @@ def relative_pose(
         matches = match_near(
             a.descriptors, places, b.descriptors, b.points[:, :2], reach, SETTINGS.near_ratio
         )
-        found = _fitted(a, b, *matches, geometry)
+        found = _fitted(a, b, matches, geometry)
         if found or (expected.sure and np.isfinite(places[:, 0]).mean() < SETTINGS.little):
             return found
     matches = match_descriptors(
         a.descriptors.astype(np.float32), b.descriptors.astype(np.float32), SETTINGS.ratio
     )
-    return _fitted(a, b, *matches, geometry)
+    return _fitted(a, b, matches, geometry)
 
 
 def _places(T_a_b: Array, a: Features, geometry: RectifiedPair) -> Array:
@@ -159,14 +159,11 @@ def _places(T_a_b: Array, a: Features, geometry: RectifiedPair) -> Array:
 
 
 def _fitted(
-    a: Features,
-    b: Features,
-    index_a: NDArray[np.int64],
-    index_b: NDArray[np.int64],
-    geometry: RectifiedPair,
+    a: Features, b: Features, matches: FeatureMatches, geometry: RectifiedPair
 ) -> RelativePose | None:
     """By matches, of which many may be wrong."""
-    start = _ransac(a, b, index_a, index_b, geometry)
+    index_a, index_b = matches
+    start = _ransac(a, b, matches, geometry)
     if start is None:
         return None
     T, first = start
@@ -245,13 +242,10 @@ def pulled(weight: Array, residual: Array) -> tuple[Array, Array]:
 
 
 def _ransac(
-    a: Features,
-    b: Features,
-    index_a: NDArray[np.int64],
-    index_b: NDArray[np.int64],
-    geometry: RectifiedPair,
+    a: Features, b: Features, matches: FeatureMatches, geometry: RectifiedPair
 ) -> tuple[Array, NDArray[np.int64]] | None:
     """T_a_b and which of the matches agree with it; None for too few."""
+    index_a, index_b = matches
     if len(index_a) < SETTINGS.min_inliers:
         return None
     pixels = b.points[index_b, :2] * geometry.focal_px
