@@ -200,25 +200,17 @@ def _coarse_points(
     ]
     range_m = frame.range_m[rows, columns]
     known = np.isfinite(range_m) & (frame.confidence[rows, columns] > 0)
-    limit_m = _most_std_m(frame.range_std_m[rows, columns][known], sampling)
+    std_m = frame.range_std_m[rows, columns]
+    stated_m = std_m[known & np.isfinite(std_m)]
+    usual_m = sampling.usual_stds * float(np.median(stated_m)) if stated_m.size else np.inf
     known &= _spaced(
         range_m, geometry.focal_px * sampling.spacing_m / stride, sampling.max_stride_px // stride
     )
-    certain = ~(frame.range_std_m[rows, columns][known] > limit_m)
+    certain = ~(std_m[known] > max(sampling.max_std_m, usual_m))
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
     y = (rows[known] - geometry.cy_px) / geometry.focal_px * depth_m
     return np.stack([x, y, depth_m], axis=-1).astype(np.float32), certain
-
-
-def _most_std_m(std_m: Map, sampling: PointSampling) -> float:
-    """Of a point certain enough to make voxels for. std_m: (n,) of measured pixels."""
-    stated = std_m[np.isfinite(std_m)]
-    return (
-        max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated)))
-        if stated.size
-        else np.inf
-    )
 
 
 def _spaced(range_m: Map, most_steps: float, limit: int) -> NDArray[np.bool_]:
