@@ -15,9 +15,7 @@ from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M
 from stereo_seecolor.mapping.survey_frames import Unplaced
-from stereo_seecolor.records import Map, SurveyFrame
-
-Floats = NDArray[np.float64]
+from stereo_seecolor.records import Array, Map, SurveyFrame
 
 
 class Reason(IntEnum):
@@ -71,9 +69,7 @@ def render_gaps(
     return gaps
 
 
-def gap_cells(
-    terrain: BlockRaster, rows: slice, columns: slice
-) -> tuple[NDArray[np.int64], Floats]:
+def gap_cells(terrain: BlockRaster, rows: slice, columns: slice) -> tuple[NDArray[np.int64], Array]:
     """The cells of the gaps in a window: row and column in it (n, 2), and x, y, and the lowest and
     the highest height where their surface may be (n, 4).
     """
@@ -125,7 +121,7 @@ class _Ranges:
             [np.linalg.norm(survey.index.points_m[i], axis=1).max() for i in numbers]
         )
 
-    def near(self, points: Floats) -> list[int]:
+    def near(self, points: Array) -> list[int]:
         """The frames whose farthest measurement reaches a box around cells (n, 4)."""
         low, high = points[:, [0, 1, 2]].min(axis=0), points[:, [0, 1, 3]].max(axis=0)
         eye = self.component.T_local_camera[self._numbers, :3, 3]
@@ -138,7 +134,7 @@ def _range_m(frame: SurveyFrame | Unplaced) -> Map | None:
     return None if isinstance(frame, Unplaced) else frame.range_m
 
 
-def _reasons(points: Floats, ranges: _Ranges, least_m: float) -> NDArray[np.uint8]:
+def _reasons(points: Array, ranges: _Ranges, least_m: float) -> NDArray[np.uint8]:
     """(n,) the reasons of cells (n, 4)."""
     g = ranges.geometry
     camera = np.array([g.focal_px, g.cx_left_px, g.cy_px])

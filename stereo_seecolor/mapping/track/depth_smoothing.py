@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.records import SurveyFrame
-
-Map = NDArray[np.float32]
+from stereo_seecolor.records import Map, SurveyFrame
 
 
 @dataclass(frozen=True)
