@@ -69,11 +69,8 @@ class Edge:
 
     def scaled(self, scale: float) -> "Edge":
         """Scale all lengths by a factor."""
-        return replace(
-            self,
-            T_i_j=scaled_pose(self.T_i_j, scale),
-            covariance=_scaled_covariance(self.covariance, scale),
-        )
+        T, covariance = _scaled(self.T_i_j, self.covariance, scale)
+        return replace(self, T_i_j=T, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +84,8 @@ class RelativePose:
 
     def scaled(self, scale: float) -> "RelativePose":
         """Scale all lengths by a factor."""
-        return replace(
-            self,
-            T_a_b=scaled_pose(self.T_a_b, scale),
-            covariance=_scaled_covariance(self.covariance, scale),
-        )
+        T, covariance = _scaled(self.T_a_b, self.covariance, scale)
+        return replace(self, T_a_b=T, covariance=covariance)
 
 
 class ExpectedPose(NamedTuple):
@@ -103,16 +97,12 @@ class ExpectedPose(NamedTuple):
     sure: bool = False
 
 
-def scaled_pose(T: Array, scale: float) -> Array:
-    """Poses (..., 4, 4) with their shifts scaled by this factor."""
-    result = T.copy()
-    result[..., :3, 3] *= scale
-    return result
-
-
-def _scaled_covariance(covariance: Array, scale: float) -> Array:
+def _scaled(T: Array, covariance: Array, scale: float) -> tuple[Array, Array]:
+    """A pose with its shift, and its covariance, scaled by this factor."""
     by = np.array([1, 1, 1, scale, scale, scale])
-    return np.asarray(covariance * by[:, None] * by)
+    T = T.copy()
+    T[:3, 3] *= scale
+    return T, np.asarray(covariance * by[:, None] * by)
 
 
 def relative_pose(
