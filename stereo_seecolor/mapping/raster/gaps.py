@@ -13,7 +13,7 @@ from calibration.transforms import inverse
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
-from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M
+from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M, in_camera
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.records import Array, Map, SurveyFrame
 
@@ -174,11 +174,9 @@ def look_at(
         x, y = points[n, 0], points[n, 1]
         for k in range(count):
             z = points[n, 2] + (points[n, 3] - points[n, 2]) * k / (count - 1)
-            depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+            across, down, depth = in_camera(T, x, y, z)
             if not depth > NEAREST_DEPTH_M:
                 continue
-            across = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-            down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
             u, v = camera[0] * across / depth + camera[1], camera[0] * down / depth + camera[2]
             if u < 0 or v < 0 or u > width - 1 or v > height - 1:
                 continue
