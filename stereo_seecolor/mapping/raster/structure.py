@@ -3,7 +3,7 @@ them, and standard error.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,11 +59,6 @@ class Numbers:
     height_range_m: float
     vector_ruggedness: float
     mesh_rugosity: float
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """The names of the metrics, in the order of the fields."""
-        return tuple(field.name for field in fields(cls))
 
 
 @dataclass(frozen=True)
