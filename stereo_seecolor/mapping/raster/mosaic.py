@@ -17,7 +17,7 @@ from calibration.geometry import RectifiedPair
 from calibration.transforms import inverse
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
 from stereo_seecolor.mapping.component import Component
-from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
+from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster, block_windows
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic_blend import SeenCells, blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
@@ -175,16 +175,7 @@ def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
         last = np.floor((corners + 1) / BLOCK_PX).astype(int)
         for row in range(max(first[0, 1], 0), last[1, 1] + 1):
             blocks |= {(row, column) for column in range(max(first[0, 0], 0), last[1, 0] + 1)}
-    sides = [
-        (slice(r * BLOCK_PX, (r + 1) * BLOCK_PX), slice(c * BLOCK_PX, (c + 1) * BLOCK_PX))
-        for r, c in sorted(blocks)
-    ]
-    height, width = grid.shape
-    return [
-        (slice(rows.start, min(rows.stop, height)), slice(columns.start, min(columns.stop, width)))
-        for rows, columns in sides
-        if rows.start < height and columns.start < width
-    ]
+    return list(block_windows(blocks, grid.shape))
 
 
 def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cells:
