@@ -33,7 +33,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.extras.synthetic.reef import CELL_M
 from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
-from stereo_seecolor.mapping.surface import tile_work
+from stereo_seecolor.mapping.surface import engines
 from stereo_seecolor.mapping.surface.engines import FuseTile
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -97,7 +97,7 @@ def measured(folder: Path, dive: str, engine: str) -> Rows:
 def one_map(folder: Path, dive: str, engine: str) -> Rows:
     seconds = 0.0
 
-    own = tile_work.engine
+    own = engines.engine
 
     def timed(name: str) -> FuseTile:
         fuse_tile = own(name)
@@ -112,7 +112,7 @@ def one_map(folder: Path, dive: str, engine: str) -> Rows:
 
         return fuse
 
-    tile_work.engine = timed  # type: ignore[assignment]
+    engines.engine = timed  # type: ignore[assignment]
     config, workspace = MappingConfig(engine=engine), Workspace(compute=Threads(cores()))
     if dive in DRAWN:
         survey = Survey(folder / dive, DRAWN[dive])

@@ -13,7 +13,7 @@ ruggedness were; those of another seed judge. FOLDER keeps the maps.
 
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -184,7 +184,9 @@ def main(
     folder: Path, reefs: Sequence[int], seed: int, cells_m: Sequence[float], own_track: bool
 ) -> None:
     """Print each reef's rugosity, then bias and coverage of each number."""
-    names = Numbers.names()[:-1]  # of the mesh: heights have no overhangs to compare
+    names = [field.name for field in fields(Numbers)][
+        :-1
+    ]  # of the mesh: heights have no overhangs to compare
     off: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for number in reefs:
         for cell_m, found, true in compared(folder, number, seed, cells_m, own_track):

@@ -52,7 +52,6 @@ from stereo_seecolor.mapping.raster.block_raster import Grid
 from stereo_seecolor.mapping.raster.height_errors import height_stds
 from stereo_seecolor.mapping.raster.structure import (
     EDGES_M,
-    Numbers,
     Window,
     numbers_of,
     resolved_cells,
@@ -307,7 +306,7 @@ def judge(z: Scores, at: MappedReef, cells: int, window: Window, of: str) -> Non
     for each in found[-1:] if of == "squares" else found:
         windows = squares_of(terrain.averaged(cells))[each.edge_m]
         right = numbers_of(true.averaged(cells).height_m, each.scale_m, windows).mean(axis=0)
-        for name, value in zip(Numbers.names(), right, strict=False):
+        for name, value in zip(vars(each.mean), right, strict=False):
             std = getattr(each.standard_error, name)
             add(z, f"{name} of {of}", getattr(each.mean, name), float(value), std)
 

@@ -24,6 +24,9 @@ Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 """(H, W) bool."""
 
+Array = NDArray[np.float64]
+"""float64 of any shape."""
+
 
 @dataclass(frozen=True)
 class Capture:

@@ -20,7 +20,7 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, state
-from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
+from stereo_seecolor.run_folder.map_folder import FUSION, building_map
 from stereo_seecolor.run_folder.run_progress import ProgressFile
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
@@ -88,7 +88,7 @@ def fuse(
             compute.sharing(state(out), ()),
             building_map(folder, folder.dive.digest("corrected")) as building,
         ):
-            workspace = Workspace(fusion_folder(out), progress, compute)
+            workspace = Workspace(state(out, FUSION), progress, compute)
             summary = build_map(
                 frames, frames.geometry, building, config.mapping, trajectory, workspace
             )

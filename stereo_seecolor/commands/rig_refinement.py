@@ -35,13 +35,14 @@ def refined_for_dive(
     """
     key = content_key(__version__, native.to_bytes(rig), images.model_dump())
     chosen = evenly_spaced(pairs, REFINING_PAIRS)
-    if earlier := KeptRefinement.load(folder.root, key):
-        kept, known = earlier[0].pairs, {pair.name: pair for pair in pairs}
+    earlier = KeptRefinement.load(folder.root, key)
+    if earlier and (earlier_rig := earlier.stereo_rig):
+        kept, known = earlier.pairs, {pair.name: pair for pair in pairs}
         if len(kept) >= len(chosen) and all(
             name in known and _hashes(known[name], folder, options) == hashes
             for name, hashes in kept.items()
         ):
-            return earlier[1], earlier[0].note
+            return earlier_rig, earlier.note
     used, note = _refined(rig, chosen, pairs, images, options)
     hashes_of = {pair.name: _hashes(pair, folder, options) for pair in chosen}
     KeptRefinement(native.to_content(used), hashes_of, note).save(folder.root, key)

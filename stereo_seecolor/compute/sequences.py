@@ -1,8 +1,8 @@
 """Sequences whose items are made when asked for, since a dive's do not fit into memory."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import TypeVar, overload
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, overload
 
 Item = TypeVar("Item", covariant=True)
 
@@ -24,15 +24,15 @@ class Lazy(Sequence[Item]):
         return self.item(range(len(self))[index])
 
 
-class Chosen(Lazy[Item]):
-    """Some items of a sequence. numbers: the numbers of these items, in order."""
+class Changed(Lazy[Item]):
+    """What ``change`` makes of each item of a sequence."""
 
-    def __init__(self, items: Sequence[Item], numbers: Sequence[int]) -> None:
-        self._items, self._numbers = items, numbers
+    def __init__(self, items: Sequence[Any], change: Callable[[Any], Item]) -> None:
+        self._items, self._change = items, change
 
     def __len__(self) -> int:
-        return len(self._numbers)
+        return len(self._items)
 
     def item(self, number: int) -> Item:
-        """The item of this number among those chosen."""
-        return self._items[self._numbers[number]]
+        """Make the item of this number."""
+        return self._change(self._items[number])

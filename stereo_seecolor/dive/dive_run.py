@@ -98,7 +98,7 @@ class DiveRun:
     ) -> None:
         """passes: of the command, over the pairs. Pixels are kept from one to the next."""
         self.pairs: Sequence[Pair] = pairing.pairs
-        self.plan = KeptPlan.load(folder.root, len(self.pairs), source.config)
+        self.plan = KeptPlan.load(folder.root, KeptPlan.key(len(self.pairs), source.config))
         self.folder, self.options, self.page = folder, options, page
         self.frames = Frames(
             source,

@@ -36,9 +36,8 @@ from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.dive.overlap import LOOK, FrameMatcher, ReadFrame, Segment, reduction
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
-from stereo_seecolor.records import Capture
+from stereo_seecolor.records import Array, Capture
 
-Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
 OTHER_ENCODING = {"srgb": ("linear", encode_srgb), "linear": ("srgb", decode_srgb)}
 """Of images decoded as sRGB or linear: the rival, and its light from theirs."""

@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from calibration.transforms import inverse
@@ -21,9 +20,8 @@ from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import RelativePose, relative_pose
-from stereo_seecolor.records import Image, Map, SurveyFrame
+from stereo_seecolor.records import Array, Image, Map, SurveyFrame
 
-Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
 ReadFrame = Callable[[Any], tuple[Image, Map]]
 

@@ -25,7 +25,7 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import LightTerms
 from stereo_seecolor.color.sharing.survey import CountedFrames, add_to
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.names import ByName
+from stereo_seecolor.compute.names import ByName, Names
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.dive.dive_run import DiveRun, Outcome, Work, attempt
@@ -38,7 +38,7 @@ from stereo_seecolor.dive.frames import (
     read_frame,
     water_keys,
 )
-from stereo_seecolor.dive.pair_sequences import Groups, NamedPairs, chosen
+from stereo_seecolor.dive.pair_sequences import chosen, groups, with_names
 from stereo_seecolor.files.keys import ContentKey, content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, FrameRow, Water
@@ -171,7 +171,7 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
     assert geometry
     run.begin("light", len(pairs))
     search = LightSearch(
-        frames=NamedPairs(pairs),
+        frames=with_names(pairs),
         read=partial(read_frame, run.frames),
         captures=ranges.captures,
         geometry=geometry,
@@ -182,7 +182,8 @@ def _solve_light(run: DiveRun, ranges: DiveRanges, allowed: LightTerms) -> KeptL
     )
     found = search.solve(allowed)
     content = found.light.content() if found.light and found.light.light else None
-    return KeptLight(found.light.note if found.light else NO_SHARED_SPOTS, content, found.linked)
+    note = found.light.note if found.light else NO_SHARED_SPOTS
+    return KeptLight(note, content, Names(found.linked))
 
 
 def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[str, Water]:
@@ -235,7 +236,7 @@ def _counted_groups(run: DiveRun, light: Light | None) -> Iterator[CountedFrames
     work = partial(
         _count_group, partial(count_colors, run.frames, light), run.folder, run.frames.config.color
     )
-    for outcomes, counted in run.outcomes("waters", work, Groups(pairs), len(pairs)):
+    for outcomes, counted in run.outcomes("waters", work, groups(pairs), len(pairs)):
         for outcome in outcomes:
             run.note(outcome)
         yield counted

@@ -5,11 +5,10 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 SpaceName = Literal["srgb", "adobe-rgb", "display-p3", "prophoto"]
 CLOSE = 0.03
 """Difference of two primaries, XYZ: profiles of one space differ by 0.002, spaces by 0.07."""

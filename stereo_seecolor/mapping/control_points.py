@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rigid_alignment, scale_of, similarity_alignment, transform_points
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.mapping.marker_tables import USUAL_STD_M
 from stereo_seecolor.mapping.placed_markers import UNITS, PlacedMarker
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 FEWEST = 3
 """Points that fix a rigid motion; of just three the residuals say little."""
 BEYOND_SIGMAS = 5.0

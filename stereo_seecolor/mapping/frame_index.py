@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.sequences import Lazy
+from stereo_seecolor.compute.sequences import Changed, Lazy
 from stereo_seecolor.compute.threads import Lock, Threads
 from stereo_seecolor.files.atomic import output_errors
-from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
 from stereo_seecolor.records import Map, SurveyFrame
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
@@ -85,27 +84,21 @@ class FrameIndex:
 
         Raises OutputError if that disk is full.
         """
-        names, timestamps_s, checksums, certain, sharpness = [], [], [], [], []
-        points, lost = _PointFile(folder), {}
+        points, every = _PointFile(folder), list[_Indexed]()
         work = partial(_indexed, frames, geometry, sampling)
-        for number, one in enumerate((compute or Threads(1)).each(work, range(len(frames)))):
-            names.append(one.name)
-            timestamps_s.append(one.timestamp_s)
-            checksums.append(one.checksum)
-            certain.append(one.certain)
-            sharpness.append(one.right_sharpness)
-            points.append(one.points_m)
-            if one.lost is not None:
-                lost[number] = one.lost
-            progress("reading the frames", number + 1, len(frames))
+        found = (compute or Threads(1)).each(work, range(len(frames)))
+        for done, (points_m, one) in enumerate(found, 1):
+            points.append(points_m)
+            every.append(one)
+            progress("reading the frames", done, len(frames))
         return cls(
-            tuple(names),
-            np.array(timestamps_s, np.float64),
+            tuple(one.name for one in every),
+            np.array([one.timestamp_s for one in every], np.float64),
             points,
-            lost,
-            np.array(checksums, np.int64),
-            tuple(certain),
-            LessSharpSide.of(sharpness),
+            {number: one.lost for number, one in enumerate(every) if one.lost is not None},
+            np.array([one.checksum for one in every], np.int64),
+            tuple(one.certain for one in every),
+            LessSharpSide.of([one.right_sharpness for one in every]),
         )
 
     def scaled(self, scale: float) -> "FrameIndex":
@@ -167,32 +160,30 @@ class _PointFile(Lazy[NDArray[np.float32]]):
 
 @dataclass(frozen=True, eq=False)
 class _Indexed:
-    """What the index knows of a frame. points_m: (n, 3) in the camera. certain: (n,) which are
-    certain enough to make voxels for. right_sharpness: as in RangeMap. lost: why it cannot be read;
-    None where it can.
+    """What the index knows of a frame beside its n points. certain: (n,) which are certain enough
+    to make voxels for. right_sharpness: as in RangeMap. lost: why it cannot be read; None where it
+    can.
     """
 
     name: str
-    timestamp_s: float
-    points_m: NDArray[np.float32]
-    certain: NDArray[np.bool_]
-    checksum: int
-    right_sharpness: float
+    timestamp_s: float = np.nan
+    certain: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    checksum: int = 0
+    right_sharpness: float = np.nan
     lost: str | None = None
 
 
 def _indexed(
     frames: Frames, geometry: RectifiedPair, sampling: PointSampling, number: int
-) -> _Indexed:
-    """Read the frame of a number."""
+) -> tuple[NDArray[np.float32], _Indexed]:
+    """Read the frame of a number: its points (n, 3) in the camera, and the rest."""
     frame = frames[number]
     if isinstance(frame, Unplaced):
-        nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.bool_)
-        return _Indexed(frame.name, np.nan, *nothing, 0, np.nan, frame.reason)
+        return np.zeros((0, 3), np.float32), _Indexed(frame.name, lost=frame.reason)
     points_m, certain = _coarse_points(frame, geometry, sampling)
     checksum = crc32(frame.color[:: sampling.max_stride_px].tobytes(), crc32(points_m.tobytes()))
     timestamp_s = np.nan if frame.timestamp_s is None else frame.timestamp_s
-    return _Indexed(frame.name, timestamp_s, points_m, certain, checksum, frame.right_sharpness)
+    return points_m, _Indexed(frame.name, timestamp_s, certain, checksum, frame.right_sharpness)
 
 
 def _coarse_points(
@@ -209,25 +200,17 @@ def _coarse_points(
     ]
     range_m = frame.range_m[rows, columns]
     known = np.isfinite(range_m) & (frame.confidence[rows, columns] > 0)
-    limit_m = _most_std_m(frame.range_std_m[rows, columns][known], sampling)
+    std_m = frame.range_std_m[rows, columns]
+    stated_m = std_m[known & np.isfinite(std_m)]
+    usual_m = sampling.usual_stds * float(np.median(stated_m)) if stated_m.size else np.inf
     known &= _spaced(
         range_m, geometry.focal_px * sampling.spacing_m / stride, sampling.max_stride_px // stride
     )
-    certain = ~(frame.range_std_m[rows, columns][known] > limit_m)
+    certain = ~(std_m[known] > max(sampling.max_std_m, usual_m))
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
     y = (rows[known] - geometry.cy_px) / geometry.focal_px * depth_m
     return np.stack([x, y, depth_m], axis=-1).astype(np.float32), certain
-
-
-def _most_std_m(std_m: Map, sampling: PointSampling) -> float:
-    """Of a point certain enough to make voxels for. std_m: (n,) of measured pixels."""
-    stated = std_m[np.isfinite(std_m)]
-    return (
-        max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated)))
-        if stated.size
-        else np.inf
-    )
 
 
 def _spaced(range_m: Map, most_steps: float, limit: int) -> NDArray[np.bool_]:

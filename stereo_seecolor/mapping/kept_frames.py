@@ -52,13 +52,11 @@ class KeptFrames(Lazy[SurveyFrame | Unplaced]):
         if kept is not None:
             return kept
         frame = self._frames[number]
-        if isinstance(frame, SurveyFrame) and (number + 1) * _bytes(frame) <= self._allowed_bytes:
-            _write(path, frame)
+        if isinstance(frame, SurveyFrame):
+            size = sum(pixels.nbytes for pixels in _pixels(frame))
+            if (number + 1) * size <= self._allowed_bytes:
+                _write(path, frame)
         return frame
-
-
-def _bytes(frame: SurveyFrame) -> int:
-    return sum(pixels.nbytes for pixels in _pixels(frame))
 
 
 def _pixels(frame: SurveyFrame) -> Sequence[NDArray[Any]]:

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from calibration.robust_statistics import TUKEY, biweight, deviation_about_zero
 from stereo_seecolor.mapping.marker_detection import MarkerObservation
-from stereo_seecolor.records import SurveyFrame
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, SurveyFrame
 
 
 @dataclass(frozen=True)

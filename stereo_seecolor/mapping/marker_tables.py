@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.formats.reading.aliases import METERS
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import is_unit, separator_of, split_fields
 from stereo_seecolor.files.text_documents import read_text
-from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.records import Array, GeoOrigin
 
-Array = NDArray[np.float64]
 USUAL_STD_M = 0.01
 """Standard error of a surveyed place where the table has none, meters: divers' tape, level."""
 LONGEST_BAR_M = 20.0
@@ -149,25 +147,22 @@ def _table(
     """Rows with their place, role -> column, and role -> unit in meters, of a header or of the
     usual order without one.
     """
-    text = read_text(path)
     lines = [
-        (number, line.lstrip("#"))
-        for number, line in enumerate(text.splitlines(), start=1)
+        (f"{path}: line {number}", line.lstrip("#"))
+        for number, line in enumerate(read_text(path).splitlines(), start=1)
         if line.strip("#;,\t ")
     ]
-    if not lines:
-        raise InputError(f"{path}: holds no rows")
-    separator = separator_of(max((line for _, line in lines[:LINES_ABOVE]), key=_separators))
-    places = [(f"{path}: line {number}", line) for number, line in lines]
-    cells = [(where, row) for where, line in places if (row := _cells(where, line, separator))]
+    heads = [line for _, line in lines[:LINES_ABOVE]]
+    most = max(heads, key=lambda line: max(map(line.count, ",;\t|")), default="")
+    separator = separator_of(most)
+    cells = [(where, row) for where, line in lines if (row := _cells(where, line, separator))]
     if not cells:
         raise InputError(f"{path}: holds no rows")
-    above = (i for i, (_, row) in enumerate(cells[:LINES_ABOVE]) if not _lacks(path, row, names))
-    cells = cells[next(above, 0) :]
+    of_header = 2 if names is BAR else 3
+    found = (len(_roles(path, row, names)[0]) for _, row in cells[:LINES_ABOVE])
+    cells = cells[next((i for i, roles in enumerate(found) if roles >= of_header), 0) :]
     first, units = cells[0][1], dict[str, float]()
-    if len(first) >= len(in_order) and all(
-        _is_number(cell) for cell in first[len(in_order) - 1 : len(in_order)]
-    ):
+    if len(first) >= len(in_order) and _is_number(first[len(in_order) - 1]):
         columns, rows = {role: i for i, role in enumerate(in_order)}, cells
     else:
         columns, units = _roles(path, first, names)
@@ -214,16 +209,6 @@ def _roles(
             columns[role] = i
             units[role] = METERS[unit[1]] if unit else 1.0
     return columns, units
-
-
-def _separators(line: str) -> int:
-    return max(map(line.count, ",;\t|"))
-
-
-def _lacks(path: Path, header: list[str], names: dict[str, str]) -> bool:
-    """Tell whether a line is not the header of such a table."""
-    columns, _ = _roles(path, header, names)
-    return len(columns) < (2 if names is BAR else 3)
 
 
 def _check(path: Path, columns: dict[str, int], header: list[str], names: dict[str, str]) -> None:

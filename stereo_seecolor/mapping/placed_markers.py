@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from statistics import median_low
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import transform_points
 from stereo_seecolor.mapping.marker_placing import PlacedSighting
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -148,14 +148,14 @@ def _placed_exactly(
     """Take the given poses as they are if a few places of the dive show that they are as exact as
     the map; None if not.
     """
-    spots = spot_check(survey, given, config.voxel_edge_m)
-    if not spots.exact or config.markers.known:
+    edges, are_exact = spot_check(survey, given, config.voxel_edge_m)
+    if not are_exact or config.markers.known:
         return None
     try:
         exact = _as_given(given, survey, trajectory)
     except MappingError:  # poses upside down: these are recognized from the whole track
         return None
-    verdict = examine(given, survey, spots.edges, trajectory, config)
+    verdict = examine(given, survey, edges, trajectory, config)
     if verdict.navigation.advice:
         return None
     return PlacedSurvey.compared(exact, verdict, trajectory)

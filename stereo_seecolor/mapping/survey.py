@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.sequences import Changed
 from stereo_seecolor.compute.threads import Threads
-from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced, scaled
 

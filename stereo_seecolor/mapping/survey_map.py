@@ -31,12 +31,11 @@ from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.sizes import with_mosaic_cell, with_voxel
 from stereo_seecolor.mapping.surface import small_parts
-from stereo_seecolor.mapping.surface.engines import engine
+from stereo_seecolor.mapping.surface.engines import engine, fuse
 from stereo_seecolor.mapping.surface.extraction import MIN_WEIGHT
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.parts import write_map
 from stereo_seecolor.mapping.surface.tile_store import TileStore
-from stereo_seecolor.mapping.surface.tile_work import PlacedTile, fuse
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_frames import Frames, ReadableFrames, Unplaced
@@ -293,7 +292,7 @@ def _fuse_tiles(
     survey, left = component.survey, [tile for tile in tiling.tiles if not store.has(tile)]
     empty = replace(tiling, tiles=())
     work = partial(fuse, store, empty, survey.frames, survey.geometry, config.engine)
-    placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
+    placed = ((tile, component.T_local_camera[list(tile.frames)]) for tile in left)
     finished = len(tiling.tiles) - len(left)
     for done, gone in enumerate(survey.compute.tiles(work, placed), finished + 1):
         lost.update(gone)

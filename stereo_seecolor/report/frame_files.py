@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 from calibration import CalibrationError, Rectification, RectifiedPair
 from stereo_seecolor.color.response.response import Response
 from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.files.whole_files import read_bytes
@@ -158,11 +156,6 @@ def _std_m(frame: Pixels, range_m: Map, geometry: RectifiedPair) -> Map:
     if "range_std" not in frame.products:
         return geometry.estimated_range_std_m(range_m)
     return np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
-
-
-def raw_is_there(frame: FinishedFrame) -> bool:
-    """True if the frame's input image is still where the run read it."""
-    return frame.left != Path() and is_there(frame.left)
 
 
 def _sixteenths(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:

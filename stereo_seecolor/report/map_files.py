@@ -160,7 +160,8 @@ class _MapFiles:
         def named() -> Iterator[tuple[str, Piece, Pieces]]:
             for place, piece in level.tiles():
                 name = _name(number, place)
-                finer = _taken(pieces, _finer(pieces, number, place))
+                around = (_name(number - 1, each) for each in below(place))
+                finer = _taken(pieces, [each for each in around if each in pieces])
                 entry = {**box(piece), "cell_m": level.cell_m, "finer": [*finer]}
                 pieces[name] = _around(entry, finer)
                 yield name, piece, finer
@@ -218,12 +219,6 @@ def _place_of(about: dict[str, Any]) -> dict[str, Any]:
 
 def _name(level: int, place: Place) -> str:
     return f"{level}_{place[0]}_{place[1]}"
-
-
-def _finer(pieces: Pieces, level: int, place: Place) -> list[str]:
-    """Names of the pieces of the next finer level that cover the same area."""
-    around = [_name(level - 1, each) for each in below(place)]
-    return [name for name in around if name in pieces]
 
 
 def _taken(pieces: Pieces, names: list[str]) -> Pieces:

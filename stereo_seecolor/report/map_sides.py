@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stereo_seecolor.files.deflate import deflated
+from stereo_seecolor.mapping.raster.grid import widened
 from stereo_seecolor.mapping.raster.sides import area_over, sides_seen, step_m
 from stereo_seecolor.report.map_images import Box, TerrainImages
 from stereo_seecolor.report.mesh_levels import MeshSource
@@ -22,17 +23,15 @@ def packed_sides(
     the mesh's, in its world. std_m: of a height.
     """
     left, top, width, height = box
-    rows, columns = terrain.grid.shape
-    west, north = max(left - MARGIN_CELLS, 0), max(top - MARGIN_CELLS, 0)
-    east = min(left + width + MARGIN_CELLS, columns)
-    south = min(top + height + MARGIN_CELLS, rows)
-    grid = terrain.grid.moved(-np.array(offset_m)).window(slice(north, south), slice(west, east))
+    window = slice(top, top + height), slice(left, left + width)
+    (rows, columns), inner = widened(window, MARGIN_CELLS, MARGIN_CELLS, terrain.grid.shape)
+    grid = terrain.grid.moved(-np.array(offset_m)).window(rows, columns)
     cell_m = grid.cell_m
-    low_m = np.array([grid.west_m, grid.north_m - (south - north + 1) * cell_m])
-    high_m = np.array([grid.west_m + (east - west + 1) * cell_m, grid.north_m + cell_m])
+    low_m = np.array([grid.west_m, grid.north_m - (grid.shape[0] + 1) * cell_m])
+    high_m = np.array([grid.west_m + (grid.shape[1] + 1) * cell_m, grid.north_m + cell_m])
     part = mesh.within(low_m - cell_m, high_m)
     mesh_m2 = area_over(part.points_m, part.triangles, grid)
-    heights = terrain.heights_m((west, north, east - west, south - north)).astype(np.float64)
-    sides = sides_seen(heights, mesh_m2, cell_m, step_m(cell_m, std_m))
-    sides = sides[top - north :, left - west :][:height, :width]
+    around = columns.start, rows.start, *grid.shape[::-1]
+    heights = terrain.heights_m(around).astype(np.float64)
+    sides = sides_seen(heights, mesh_m2, cell_m, step_m(cell_m, std_m))[inner]
     return {"sides": deflated(np.packbits(sides).tobytes(), repeats=True)} if sides.any() else {}

@@ -19,9 +19,9 @@ from stereo_seecolor.files.ply import let_go, read_triangles, read_vertices
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.mapping.surface.kernels import packed
 from stereo_seecolor.mapping.surface.small_holes import closed
+from stereo_seecolor.records import Array
 from stereo_seecolor.report.map_mesh import SIZES, Piece, middles, rim_of
 
-Floats = NDArray[np.float64]
 Place = tuple[int, int]
 """Column and row of a tile, from the south-west."""
 PART = 100_000
@@ -81,7 +81,7 @@ class MeshSource:
     points_m: NDArray[np.float32]
     colors: NDArray[np.uint8]
     triangles: NDArray[np.integer[Any]]
-    boxes: Floats
+    boxes: Array
     low_z_m: float
 
     @classmethod
@@ -120,7 +120,7 @@ class MeshSource:
             let_go(self.points_m, self.triangles)
         return found
 
-    def within(self, low_m: Floats, high_m: Floats) -> Numbered:
+    def within(self, low_m: Array, high_m: Array) -> Numbered:
         """The triangles whose middle lies from low_m to before high_m, x and y."""
         parts = []
         for k in np.flatnonzero(_meet(self.boxes, low_m, high_m)).tolist():
@@ -145,7 +145,7 @@ class Level:
     cell_m: float
     corner_m: NDArray[np.float32]
     folder: Path
-    boxes: dict[Place, Floats]
+    boxes: dict[Place, Array]
     triangles: int
 
     def tiles(self) -> Iterator[tuple[Place, Numbered]]:
@@ -163,7 +163,7 @@ class Level:
         """The triangles of a tile of another edge."""
         return self.within(*_bounds(self.corner_m, place, edge_m))
 
-    def within(self, low_m: Floats, high_m: Floats) -> Numbered:
+    def within(self, low_m: Array, high_m: Array) -> Numbered:
         """The triangles whose middle lies from low_m to before high_m, x and y."""
         places = list(self.boxes)
         meet = _meet(np.array([self.boxes[place] for place in places]), low_m, high_m)
@@ -178,7 +178,7 @@ class Level:
         return Numbered(*found)
 
 
-def tile_edge_m(boxes: Floats, count: float, more_m: float) -> float:
+def tile_edge_m(boxes: Array, count: float, more_m: float) -> float:
     """The edge of square tiles of which a mesh fills about ``count``; that of a single one is
     ``more_m`` more than the mesh. boxes: (P, 4) of its parts, which a long track leaves mostly
     empty around them.
@@ -218,7 +218,7 @@ def _level(
     finer: MeshSource | Level,
     places: set[Place],
     cell_m: float,
-    corner_m: Floats,
+    corner_m: Array,
     edge_m: float,
     folder: Path,
 ) -> Level:
@@ -228,7 +228,7 @@ def _level(
     folder.mkdir(parents=True)
     south_west, around_m = corner_m[:2].astype(np.float32), AROUND_CELLS * cell_m
 
-    def tile(place: Place) -> tuple[Place, Floats, int] | None:
+    def tile(place: Place) -> tuple[Place, Array, int] | None:
         low_m, high_m = _bounds(south_west, place, edge_m)
         part = finer.within(low_m - around_m, high_m + around_m)
         if isinstance(finer, Level):
@@ -250,7 +250,7 @@ def _level(
     return Level(cell_m, south_west, folder, boxes, count)
 
 
-def cluster_vertices(part: Numbered, cell_m: float, corner_m: Floats) -> Numbered:
+def cluster_vertices(part: Numbered, cell_m: float, corner_m: Array) -> Numbered:
     """A coarser part: the points in each cube of that edge are replaced by their mean (Rossignac
     and Borrel 1993). corner_m: (3,) a corner of cubes.
     """
@@ -305,7 +305,7 @@ def _places(
     return {(key & 0xFFFFFFFF, key >> 32) for key in keys}
 
 
-def _bounds(corner_m: NDArray[np.float32], place: Place, edge_m: float) -> tuple[Floats, Floats]:
+def _bounds(corner_m: NDArray[np.float32], place: Place, edge_m: float) -> tuple[Array, Array]:
     """The lowest and the highest x and y of a tile; the first ones reach as far as there is
     anything, since middles of coarser levels may lie before the corner.
     """
@@ -314,12 +314,12 @@ def _bounds(corner_m: NDArray[np.float32], place: Place, edge_m: float) -> tuple
     return low_m, np.asarray(corner_m + (at + 1) * edge_m, np.float64)
 
 
-def _meet(boxes: Floats, low_m: Floats, high_m: Floats) -> NDArray[np.bool_]:
+def _meet(boxes: Array, low_m: Array, high_m: Array) -> NDArray[np.bool_]:
     boxes = boxes.reshape(-1, 4)
     return np.asarray(((boxes[:, 2:] >= low_m) & (boxes[:, :2] < high_m)).all(axis=1))
 
 
-def _inside(middles: NDArray[np.float32], low_m: Floats, high_m: Floats) -> NDArray[np.bool_]:
+def _inside(middles: NDArray[np.float32], low_m: Array, high_m: Array) -> NDArray[np.bool_]:
     x, y = middles.T
     in_x = (x >= low_m[0]) & (x < high_m[0])
     return np.asarray(in_x & (y >= low_m[1]) & (y < high_m[1]))

@@ -10,16 +10,16 @@ from typing import Any
 from stereo_seecolor.color.white_point import white_errors
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.records import Water
 from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.chart_records import kept_charts
 from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.frame_blocks import FOLDER as FRAME_BLOCKS
 from stereo_seecolor.report.frame_blocks import frame_blocks
-from stereo_seecolor.report.frame_files import FORMAT, FrameFiles, page_stage, raw_is_there
+from stereo_seecolor.report.frame_files import FORMAT, FrameFiles, page_stage
 from stereo_seecolor.report.kept_measures import FILE as MEASURES
 from stereo_seecolor.report.kept_measures import read_kept_measures
 from stereo_seecolor.report.map_files import write_map_files
@@ -149,7 +149,7 @@ def _frame_record(
     stages = {
         before: page_stage(record.stages["corrected"].key, before) for before in (True, False)
     }
-    with_before = raw_is_there(frame)
+    with_before = frame.left != Path() and is_there(frame.left)
     good = [stages[True]] if with_before else [stages[True], stages[False]]
     if any(folder.frames.finished("page", frame.name, stage.key) for stage in good):
         return record
@@ -166,7 +166,9 @@ Shown = dict[str, tuple[str, ...]]
 
 def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
     """The data of the dive for the page's program."""
-    run, known = facts.run, calibration_std(facts.run)
+    run, known, water = facts.run, calibration_std(facts.run), facts.water
+    corrected = (frame.products.get("corrected") for frame in run.frames)
+    of_water = {"water": water.content(), "white_errors": white_errors(water)} if water else {}
     return {
         "format": FORMAT,
         "id": _dive_id(run),
@@ -177,8 +179,8 @@ def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "north": facts.map is not None and facts.map.origin is not None,
         "area_m2": facts.map.area_m2 if facts.map else None,
-        "image_suffix": _suffix(run),
-        **_white(facts.water),
+        "image_suffix": next((path.suffix for path in corrected if path), ""),
+        **plain(of_water),
         "frames": _frames(facts, shown),
     }
 
@@ -199,11 +201,6 @@ def _frames(facts: DiveFacts, shown: Shown) -> bytes:
     return deflated(text.encode("ascii"), repeats=True)
 
 
-def _white(water: Water | None) -> dict[str, Any]:
-    """The shared water, as in water.json, and its white point's errors; empty for many waters."""
-    return plain({"water": water.content(), "white_errors": white_errors(water)}) if water else {}
-
-
 def _before(run: FinishedRun, name: str, products: Sequence[str]) -> str:
     """The path in OUT of a frame's image before correction; "" where the page has none."""
     return run.frame(name).page_path("page/before") if "page/before" in products else ""
@@ -215,11 +212,6 @@ def _picture(run: FinishedRun, name: str, products: Sequence[str]) -> str:
     if "page/after" in products:
         return frame.page_path("page/after")
     return frame.products["corrected"].relative_to(run.root).as_posix()
-
-
-def _suffix(run: FinishedRun) -> str:
-    corrected = (frame.products.get("corrected") for frame in run.frames)
-    return next((path.suffix for path in corrected if path), "")
 
 
 def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:

@@ -34,7 +34,7 @@ def columns(facts: DiveFacts) -> dict[str, Any]:
 
 
 def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
-    """Plot -> curve -> a number or None for each row; plots without any number are left out."""
+    """Plot -> curve -> a number or None for each row; plots of one number or none are left out."""
     known = sorted({key for row in facts.rows for key in row.facts})
     made = {key: {"": [row.facts.get(key) for row in facts.rows]} for key in known}
     made |= _water(facts) | _track(facts)
@@ -47,13 +47,8 @@ def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
     return {
         plot: curves
         for plot, curves in rounded.items()
-        if any(_varies(column) for column in curves.values())
+        if any(len({*column} - {None}) > 1 for column in curves.values())
     }
-
-
-def _varies(column: Column) -> bool:
-    """True for a column that is worth a plot: it holds a number, and not always the same."""
-    return len({value for value in column if value is not None}) > 1
 
 
 def _rounded(column: Iterable[float | None]) -> Column:

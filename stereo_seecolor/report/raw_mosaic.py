@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import let_go
+from stereo_seecolor.records import Array
 from stereo_seecolor.report.map_images import Box, TerrainImages
 from stereo_seecolor.report.map_mesh import Piece
 from stereo_seecolor.run_folder.posed_run import PosedRun
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def painted_from(posed: PosedRun) -> list[str]:
     ]
 
 
-def _points(terrain: TerrainImages, box: Box, offset_m: Floats) -> Floats:
+def _points(terrain: TerrainImages, box: Box, offset_m: Array) -> Array:
     """(h, w, 3) of the cells' centers in the map's own coordinates, NaN if unknown."""
     left, top, width, height = box
     x, y = terrain.grid.centers(slice(top, top + height), slice(left, left + width))
@@ -121,7 +120,7 @@ class _Views:
         except InputError:
             return None
 
-    def paint(self, points_m: Floats) -> NDArray[np.uint8]:
+    def paint(self, points_m: Array) -> NDArray[np.uint8]:
         """(h, w, 4) RGBA of cells (h, w, 3)."""
         painted = np.zeros((*points_m.shape[:2], 4), np.uint8)
         best = np.full(points_m.shape[:2], np.inf)
@@ -145,7 +144,7 @@ class _Views:
             best[seen] = cost[seen]
         return painted
 
-    def _cost(self, points_m: Floats, number: int) -> tuple[Floats, Floats, Floats]:
+    def _cost(self, points_m: Array, number: int) -> tuple[Array, Array, Array]:
         """Tangent of each cell's viewing angle from the vertical, inf outside; and pixel u, v."""
         g, T = self._geometry, self._posed.T_map_camera[number]
         local = (points_m - T[:3, 3]) @ T[:3, :3]
@@ -161,7 +160,7 @@ class _Views:
 
 
 def _is_seen(
-    points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats
+    points_m: Array, T_map_camera: Array, range_m: NDArray[Any], u: Array, v: Array
 ) -> NDArray[np.bool_]:
     """False where a frame's measured range differs from a cell's: it sees something else."""
     distance = np.linalg.norm(points_m - T_map_camera[:3, 3], axis=-1)

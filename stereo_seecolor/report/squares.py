@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.files.csv_tables import table_rows
 from stereo_seecolor.mapping.raster.noise import Smoothing, averaged, corrected
@@ -16,8 +15,8 @@ from stereo_seecolor.mapping.raster.reef_metrics import (
     ReefMetrics,
     roughness,
 )
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 Place = tuple[int, int]
 """Row and column of a square."""
 Window = tuple[slice, slice]

@@ -9,13 +9,14 @@ Memory does not grow with the map, but for some numbers a square.
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
-from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.grid import Grid, widened
 from stereo_seecolor.mapping.raster.height_errors import REACH_CELLS
 from stereo_seecolor.mapping.raster.noise import averaged, blur_reach, observed
 from stereo_seecolor.mapping.raster.structure import (
@@ -26,13 +27,13 @@ from stereo_seecolor.mapping.raster.structure import (
     windows_of,
 )
 from stereo_seecolor.mapping.raster.terrain import Terrain
+from stereo_seecolor.records import Array
 from stereo_seecolor.report.map_images import TerrainImages
 from stereo_seecolor.report.squares import Place, Window, roughness_without_noise, squared_roughness
 from stereo_seecolor.report.terrain_views import correlation_of, noise_of, views_of
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
-Array = NDArray[np.float64]
 PART_CELLS = 768
 """Edge of the parts, cells: with squares of a hundred cells, 180 MB are in memory at once."""
 DRAWS = 8
@@ -122,17 +123,11 @@ class _TerrainOnDisk:
         ``cells``; and the part itself, counted therein.
         """
         edge, before = -(-PART_CELLS // cells) * cells, -(-before // cells) * cells
-        height, width = self.grid.shape
-        for row in range(0, height, edge):
-            for column in range(0, width, edge):
-                around, own = zip(
-                    *(
-                        _around(start, edge, before, after, length)
-                        for start, length in ((row, height), (column, width))
-                    ),
-                    strict=True,
-                )
-                yield (around[0], around[1]), (own[0], own[1])
+        rows, columns = (
+            [slice(first, min(first + edge, length)) for first in range(0, length, edge)]
+            for length in self.grid.shape
+        )
+        return (widened(part, before, after, self.grid.shape) for part in product(rows, columns))
 
     def holds(self, edge_m: float, cells: int) -> bool:
         """Whether the terrain holds a square of that edge that was seen well enough."""
@@ -144,12 +139,6 @@ class _TerrainOnDisk:
             if known.size and windows_of(known, scale_m, edge_m, first, _coarse(own, cells)):
                 return True
         return False
-
-
-def _around(start: int, edge: int, before: int, after: int, length: int) -> tuple[slice, slice]:
-    """A part of a row of cells with those around it, and the part in that."""
-    first, last = max(start - before, 0), min(start + edge + after, length)
-    return slice(first, last), slice(start - first, min(start + edge, length) - first)
 
 
 def _measured(

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from calibration.transforms import inverse, transform_points
-from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.mapping.raster.grid import Grid, widened
+from stereo_seecolor.records import Array, SurveyFrame
 from stereo_seecolor.run_folder.posed_run import MATCH_PX, PosedRun
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def views_of(
         T = T_terrain_map @ T_map_camera
         window = _window(frame, grid, T, posed.geometry)
         if window is not None:
-            wider, inner = _with_neighbors(window, grid.shape)
+            wider, inner = widened(window, 1, 1, grid.shape)
             points, slopes = _points_and_slopes(grid, wider, heights_of(wider))
             yield _view(frame, posed, T, window, points[inner], slopes[(slice(None), *inner)])
 
@@ -109,20 +107,6 @@ def _view(
         float(np.median(distance[seen])) / posed.geometry.focal_px if seen.any() else float("nan")
     )
     return CellsSeen(window, seen, weight, np.where(seen, off * lever, 0), footprint_m)
-
-
-def _with_neighbors(
-    window: tuple[slice, slice], shape: tuple[int, int]
-) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """A window with the cells around it, and where it lies therein."""
-    wider = [
-        slice(max(w.start - 1, 0), min(w.stop + 1, n)) for w, n in zip(window, shape, strict=True)
-    ]
-    inner = [
-        slice(w.start - around.start, w.stop - around.start)
-        for w, around in zip(window, wider, strict=True)
-    ]
-    return (wider[0], wider[1]), (inner[0], inner[1])
 
 
 def _points_and_slopes(

@@ -8,10 +8,10 @@ that is damaged, or of another hash, is as if it were not there.
 import hashlib
 import re
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from calibration import CalibrationError, StereoRig
 from calibration.bounded_text import load_json
@@ -22,7 +22,7 @@ from stereo_seecolor.compute.names import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import files_below, write_replaceable
-from stereo_seecolor.files.json_records import Record, as_record
+from stereo_seecolor.files.json_records import as_record
 from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.whole_files import regular_bytes
@@ -57,59 +57,56 @@ def kept(path: Path, key: str) -> bytes | None:
         return None
 
 
-def _kept_object(path: Path, key: str) -> dict[str, Any]:
-    """The object that JSON under that hash holds. Raises ValueError where there is none."""
-    text = kept(path, key)
-    content = load_json(text or b"")
-    if not isinstance(content, dict):
-        raise ValueError("holds no object")
-    return content
+@dataclass(frozen=True)
+class _Kept:
+    """A record that the cache holds. file: its name there."""
 
+    file: ClassVar[str]
 
-def _kept_record(kind: type[Record], path: Path, key: str) -> Record | None:
-    """The record that JSON under that hash holds; None where there is none."""
-    try:
-        content = _kept_object(path, key)
-        return as_record(kind, content)
-    except ValueError:
-        return None
+    def save(self, root: Path, key: str) -> None:
+        """Keep it under the hash of all that it was made from. Raises OutputError."""
+        keep(cache_file(root, self.file), key, JsonText(self._content()))
+
+    @classmethod
+    def load(cls, root: Path, key: str) -> Self | None:
+        """Read that of an earlier run; None where there is none."""
+        try:
+            return as_record(cls, load_json(kept(cache_file(root, cls.file), key) or b""))
+        except ValueError:
+            return None
+
+    def _content(self) -> dict[str, Any]:
+        return asdict(self)
 
 
 @dataclass(frozen=True)
-class KeptLight:
+class KeptLight(_Kept):
     """A solved light.
 
     note: what the run reported of it. light: the content of a Light, None = not used.
     linked: frames that show the same as the one before them.
     """
 
+    file = "light"
     note: str
     light: dict[str, Any] | None
-    linked: Collection[str]
-
-    def save(self, root: Path, key: str) -> None:
-        """Keep it under the hash of all that it was solved from. Raises OutputError."""
-        content = {
-            "note": self.note,
-            "light": self.light,
-            "linked": StreamedList(lambda: self.linked),
-        }
-        keep(cache_file(root, "light"), key, JsonText(content))
+    linked: Sequence[str]
 
     @classmethod
-    def load(cls, root: Path, key: str) -> "KeptLight | None":
+    def load(cls, root: Path, key: str) -> Self | None:
         """Read that of an earlier run; None where there is none."""
-        try:
-            content = _kept_object(cache_file(root, "light"), key)
-            return cls(**{**content, "linked": Names(content["linked"])})
-        except (ValueError, TypeError, KeyError):
-            return None
+        found = super().load(root, key)
+        return found and replace(found, linked=Names(found.linked))
+
+    def _content(self) -> dict[str, Any]:
+        return {**vars(self), "linked": StreamedList(lambda: self.linked)}
 
 
 @dataclass(frozen=True)
-class KeptFit:
+class KeptFit(_Kept):
     """A finished fit. notes: what the run reported of it. sha256: of water.json after it."""
 
+    file = "fit"
     notes: tuple[str, ...]
     sha256: str
 
@@ -120,15 +117,6 @@ class KeptFit:
         for piece in content:
             digest.update(piece)
         return cls(notes, digest.hexdigest())
-
-    def save(self, root: Path, key: str) -> None:
-        """Keep it under the hash of all that the waters were fitted to. Raises OutputError."""
-        keep(cache_file(root, "fit"), key, JsonText(asdict(self)))
-
-    @classmethod
-    def load(cls, root: Path, key: str) -> "KeptFit | None":
-        """Read that of an earlier run; None where there is none."""
-        return _kept_record(cls, cache_file(root, "fit"), key)
 
     def waters(self, root: Path, names: Iterable[str]) -> Mapping[str, Water] | None:
         """Read the waters of water.json; None where it is gone, or not what the fit gave."""
@@ -141,54 +129,40 @@ class KeptFit:
 
 
 @dataclass(frozen=True)
-class KeptRefinement:
+class KeptRefinement(_Kept):
     """A refined rig.
 
     rig: the content of a native rig file. pairs: name -> SHA-256 of each file of the pairs it rests
     on. note: what the run said of it.
     """
 
+    file = "refined_rig"
     rig: dict[str, Any]
     pairs: Mapping[str, Mapping[str, str]]
     note: str
 
-    def save(self, root: Path, key: str) -> None:
-        """Keep it under the hash of the rig before and of the settings. Raises OutputError."""
-        keep(cache_file(root, "refined_rig"), key, JsonText(asdict(self)))
-
-    @classmethod
-    def load(cls, root: Path, key: str) -> "tuple[KeptRefinement, StereoRig] | None":
-        """Read that of an earlier run, and its rig; None where there is none."""
-        found = _kept_record(cls, cache_file(root, "refined_rig"), key)
-        if found is None:
-            return None
+    @property
+    def stereo_rig(self) -> StereoRig | None:
+        """The rig; None where its content is damaged."""
         try:
-            return found, native.parse(Section("the refined rig", found.rig))
+            return native.parse(Section("the refined rig", self.rig))
         except CalibrationError:
             return None
 
 
 @dataclass(frozen=True)
-class KeptRigCheck:
+class KeptRigCheck(_Kept):
     """What the check of a dive's rig found.
 
     notes: of the run. ranges_are_wrong: of the dive. ranges: their error, where it was measured.
     left_out: name of a pair that is not of the dive's rig -> why.
     """
 
+    file = "rig_check"
     notes: tuple[str, ...]
     ranges_are_wrong: bool
     ranges: RangeError | None
     left_out: Mapping[str, str]
-
-    def save(self, root: Path, key: str) -> None:
-        """Keep it under the hash of the rig and of the dive's pairs. Raises OutputError."""
-        keep(cache_file(root, "rig_check"), key, JsonText(asdict(self)))
-
-    @classmethod
-    def load(cls, root: Path, key: str) -> "KeptRigCheck | None":
-        """Read that of an earlier run; None where there is none."""
-        return _kept_record(cls, cache_file(root, "rig_check"), key)
 
 
 @dataclass(frozen=True)
@@ -213,14 +187,15 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class KeptPlan:
-    """A prediction.
+class KeptPlan(_Kept):
+    """A prediction, kept under its ``key``.
 
     pairs: that it holds for. core_seconds_per_pair: of one core. fit_s: seconds of one core for
     what is done once. disk_bytes: of the output. memory_bytes: of one process. pass_seconds: of one
     core for each pair, by pass.
     """
 
+    file = "plan"
     pairs: int
     core_seconds_per_pair: float
     fit_s: float
@@ -228,9 +203,10 @@ class KeptPlan:
     memory_bytes: int
     pass_seconds: dict[str, float]
 
-    def save(self, root: Path, config: RunConfig) -> None:
-        """Keep the prediction for so many pairs with these settings. Raises OutputError."""
-        keep(cache_file(root, "plan"), _plan_key(self.pairs, config), JsonText(asdict(self)))
+    @staticmethod
+    def key(pairs: int, config: RunConfig) -> str:
+        """The hash of so many pairs with these settings."""
+        return content_key(pairs, config.model_dump(mode="json"))
 
     @staticmethod
     def check_place(root: Path) -> None:
@@ -248,11 +224,6 @@ class KeptPlan:
             f"{file}: is not a plan of this program: move it elsewhere, or give another --out"
         )
 
-    @classmethod
-    def load(cls, root: Path, pairs: int, config: RunConfig) -> "KeptPlan | None":
-        """Read the prediction for so many pairs with these settings; None if none."""
-        return _kept_record(cls, cache_file(root, "plan"), _plan_key(pairs, config))
-
     def cost(self, cores: int) -> Cost:
         """Compute the cost on so many cores; what is done once runs on one of them."""
         work_s = self.pairs * self.core_seconds_per_pair
@@ -262,10 +233,6 @@ class KeptPlan:
             self.disk_bytes,
             self.memory_bytes,
         )
-
-
-def _plan_key(pairs: int, config: RunConfig) -> str:
-    return content_key(pairs, config.model_dump(mode="json"))
 
 
 def used_bytes(root: Path) -> int:

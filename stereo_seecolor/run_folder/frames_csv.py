@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,8 +20,8 @@ RESIDUALS = ("position_residual_m", "attitude_residual_deg")
 """Columns that a map with given poses adds."""
 BETWEEN = "; "
 """Stands between the warnings of a frame; a warning's own becomes a comma."""
-_TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"})
-"""Columns that hold no number of the frame's facts or seconds."""
+_TEXTS = ("name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings")
+"""The first columns, which hold no number of the frame's facts or seconds."""
 
 
 def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
@@ -29,8 +30,7 @@ def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
     for row in rows:
         facts.update(row.facts)
         stages.update(row.seconds)
-    columns = ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"]
-    yield _csv_line([*columns, *sorted(facts), *(f"{stage}_s" for stage in sorted(stages))])
+    yield _csv_text([[*_TEXTS, *sorted(facts), *(f"{stage}_s" for stage in sorted(stages))]])
     for start in range(0, len(rows), CHUNK):
         yield _csv_text(
             _cells(row, sorted(facts), sorted(stages)) for row in rows[start : start + CHUNK]
@@ -112,20 +112,15 @@ def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
         if name not in RESIDUALS
     ]
     given = any(value is not None for values in residuals.values() for value in values)
-    lines = [_csv_line([*kept, *(RESIDUALS if given else ())])]
-    for row in table_rows(content):
-        values = residuals.get(row["name"], (None, None)) if given else ()
-        lines.append(
-            _csv_line(
-                [row[name] for name in kept]
-                + ["" if value is None else f"{value:.4f}" for value in values]
-            )
-        )
-    return b"".join(lines)
-
-
-def _csv_line(cells: Sequence[object]) -> bytes:
-    return _csv_text([cells])
+    rows = (
+        [row[name] for name in kept]
+        + [
+            "" if value is None else f"{value:.4f}"
+            for value in (residuals.get(row["name"], (None, None)) if given else ())
+        ]
+        for row in table_rows(content)
+    )
+    return _csv_text(chain([[*kept, *(RESIDUALS if given else ())]], rows))
 
 
 def _csv_text(rows: Iterable[Sequence[object]]) -> bytes:

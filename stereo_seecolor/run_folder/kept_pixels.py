@@ -12,7 +12,7 @@ from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, remove_leftovers
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.records import Image, Map, Mask
-from stereo_seecolor.run_folder.layout import scratch_folder
+from stereo_seecolor.run_folder.layout import SCRATCH, state
 
 
 @dataclass(frozen=True)
@@ -108,14 +108,14 @@ class KeptPixels:
         self._memory.clear()
         self._bytes = 0
         if self._root is not None:
-            remove_leftovers(scratch_folder(self._root))
+            remove_leftovers(state(self._root, SCRATCH))
             with contextlib.suppress(OSError):
-                scratch_folder(self._root).rmdir()
+                state(self._root, SCRATCH).rmdir()
 
     @staticmethod
     def _file(root: Path, name: str, key: str) -> Path:
         """Named as a temporary file, which the next run removes where this one is killed."""
-        return scratch_folder(root) / f"{TEMPORARY_PREFIX}{content_key(name, key)}.npy"
+        return state(root, SCRATCH) / f"{TEMPORARY_PREFIX}{content_key(name, key)}.npy"
 
     @staticmethod
     def _write(file: Path, image: Image) -> None:

@@ -13,7 +13,10 @@ STATE = ".state"
 """The program's own folder: manifest, tables."""
 KEPT = ".kept"
 LOCK, LEASE, PLAN, MANIFEST = "lock", "lease.json", f"plan{KEPT}", "manifest.json"
-"""In the program's own folder while a run writes into OUT."""
+PROGRESS, VIDEO_PAIRS, SCRATCH = "progress.json", "video_pairs.json", "scratch"
+"""In the program's own folder while a run writes into OUT; scratch: pixels that a later pass of it
+needs.
+"""
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
 MAP = "map"
@@ -147,26 +150,6 @@ def page_path(product: str, name: str) -> str:
 def state(root: Path, *parts: str) -> Path:
     """A path in the program's own folder of OUT."""
     return root.joinpath(STATE, *parts)
-
-
-def video_pairs_file(root: Path) -> Path:
-    """The file that says which frames of two videos are pairs."""
-    return state(root, "video_pairs.json")
-
-
-def lease_file(root: Path) -> Path:
-    """The file that says who writes into OUT."""
-    return state(root, LEASE)
-
-
-def progress_file(root: Path) -> Path:
-    """The file of a run's progress."""
-    return state(root, "progress.json")
-
-
-def scratch_folder(root: Path) -> Path:
-    """The folder of pixels that a later pass of the run needs."""
-    return state(root, "scratch")
 
 
 def cache_file(root: Path, name: str) -> Path:

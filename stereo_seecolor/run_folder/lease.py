@@ -24,7 +24,7 @@ from stereo_seecolor.compute.background import heartbeat
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.files.json_records import as_record, load_object
-from stereo_seecolor.run_folder.layout import LOCK, MANIFEST, lease_file, state
+from stereo_seecolor.run_folder.layout import LEASE, LOCK, MANIFEST, state
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 """What a file system without locks says, as some network file systems: the lease alone guards
@@ -67,7 +67,7 @@ class Holder:
     def load(cls, root: Path) -> "Holder | None":
         """Read who holds OUT; None for nobody. Raises OSError where it cannot be read now."""
         try:
-            return as_record(cls, load_object(lease_file(root)))
+            return as_record(cls, load_object(state(root, LEASE)))
         except FileNotFoundError:
             return None
         except (ValueError, TypeError):  # being written just now, or damaged
@@ -140,7 +140,7 @@ def hold_lease(root: Path, locked: bool) -> Iterator[Holder]:
 
     Raises OutputError where another holds it, or did and was not seen to end.
     """
-    path, me = lease_file(root), Holder.me()
+    path, me = state(root, LEASE), Holder.me()
     with output_errors(path):
         other = Holder.load(root)
         if other and not (other.here and (locked or not other.alive)):
@@ -168,7 +168,7 @@ def check_lease(root: Path, token: str) -> None:
     except OSError:
         return
     if holder is None or holder.token != token:
-        now = f"{holder} writes into it now" if holder else f"{lease_file(root)} was removed"
+        now = f"{holder} writes into it now" if holder else f"{state(root, LEASE)} was removed"
         raise OutputError(
             f"{root}: is no longer locked by this run: {now}; run the same command again when no "
             "other run uses it"
@@ -188,7 +188,7 @@ def _beat(root: Path, me: Holder) -> bool:
     with contextlib.suppress(OSError):  # a network that fails for a moment
         if Holder.load(root) != me:
             return False
-        os.utime(lease_file(root))
+        os.utime(state(root, LEASE))
     return True
 
 
@@ -203,18 +203,18 @@ def _refusal(root: Path, other: Holder) -> str:
         return _in_use(root, other)
     return (
         f"{root}: was locked by {other}, which has shown no activity for {age_s / 60:.0f} min "
-        f"and did not end by itself: make sure that it has ended, remove {lease_file(root)}, "
+        f"and did not end by itself: make sure that it has ended, remove {state(root, LEASE)}, "
         "and run the same command again"
     )
 
 
 def _age_s(root: Path) -> float:
     """Seconds since the holder's last sign of life, by the clock of the file system."""
-    probe = lease_file(root).with_name(f"clock-{secrets.token_hex(4)}")
+    probe = state(root, LEASE).with_name(f"clock-{secrets.token_hex(4)}")
     try:
         probe.touch()
         now_s = probe.stat().st_mtime
-        return now_s - lease_file(root).stat().st_mtime
+        return now_s - state(root, LEASE).stat().st_mtime
     except OSError:
         return 0.0  # gone meanwhile, or not ours to write: nothing is known of its age
     finally:

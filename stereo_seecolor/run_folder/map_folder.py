@@ -13,11 +13,8 @@ from stereo_seecolor.run_folder.layout import MAP, state
 from stereo_seecolor.run_folder.stamp import Stamp
 
 BUILDING, OLD = "map_building", "map_old"
-
-
-def fusion_folder(root: Path) -> Path:
-    """The folder of features and finished tiles, from which a fusion that was killed continues."""
-    return state(root, "fusion")
+FUSION = "fusion"
+"""Features and finished tiles, from which a fusion that was killed continues."""
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from pathlib import Path
 from stereo_seecolor.files.atomic import write_replaceable
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frame_table import RunSummary
-from stereo_seecolor.run_folder.layout import progress_file
+from stereo_seecolor.run_folder.layout import PROGRESS, state
 
 EVERY_S = 2.0
 """Seconds between two writings: often enough for a person who looks on, and nothing beside the
@@ -94,4 +94,4 @@ class ProgressFile:
         progress = RunProgress(
             *counts, self._earlier, self._expected, RunSummary(self._failed).problems()
         )
-        write_replaceable(progress_file(self._root), json.dumps(asdict(progress)).encode())
+        write_replaceable(state(self._root, PROGRESS), json.dumps(asdict(progress)).encode())

@@ -1,7 +1,6 @@
 """Poses from the pictures alone: near the truth, broken rather than wrong."""
 
 import dataclasses
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -37,10 +36,12 @@ def estimate(
     frames: list[SurveyFrame],
     reef: ReefFrames,
     rounds: int = odometry.SETTINGS.loop_rounds,
-    priors: Sequence[pose_graph.Prior] = (),
 ) -> Placement:
-    survey = Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))
-    return odometry.solve(odometry.follow(survey), priors, rounds)
+    return odometry.solve(followed(frames, reef), rounds)
+
+
+def followed(frames: list[SurveyFrame], reef: ReefFrames) -> odometry.Track:
+    return odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair)))
 
 
 def blank(frame: SurveyFrame) -> SurveyFrame:
@@ -178,12 +179,12 @@ def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(
 ) -> None:
     truth = reef.trajectory.T_world_camera[:6]
     rng = np.random.default_rng(1)
-    priors = []
-    for i, T in enumerate(truth):
-        noisy = T.copy()
-        noisy[:3, 3] += rng.normal(0, 0.3, 3) * [1, 1, 0.1]
-        priors.append(pose_graph.Prior(i, noisy, np.array([0.3, 0.3, 0.03]), 0.02))
-    T = estimate(frames[:6], reef, ALONE, priors).T_world_camera
+    noisy = truth.copy()
+    noisy[:, :3, 3] += rng.normal(0, 0.3, (6, 3)) * [1, 1, 0.1]
+    stds = np.array([0.3, 0.3, 0.03]), 0.02
+    priors = [pose_graph.Prior(i, T, *stds) for i, T in enumerate(noisy)]
+    given = Placement(noisy, np.zeros(6, np.int64))
+    T = odometry.fit(followed(frames[:6], reef), given, priors).T_world_camera
     assert trajectory_error(T[:, :3, 3], truth[:, :3, 3]).rms_m < 0.02
     assert np.abs(T[:, :2, 3] - truth[:, :2, 3]).max() < 0.4
     assert np.abs(T[:, 2, 3] - truth[:, 2, 3]).max() < 0.05

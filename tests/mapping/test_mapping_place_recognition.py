@@ -13,9 +13,9 @@ from stereo_seecolor.compute.sequences import Lazy
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.track import place_recognition
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.loops import LOOP_SETTINGS as LOOPS
+from stereo_seecolor.mapping.track.loops import SETTINGS as LOOPS
 from stereo_seecolor.mapping.track.loops import by_overlap
-from stereo_seecolor.mapping.track.place_recognition import RECOGNITION_SETTINGS, by_appearance
+from stereo_seecolor.mapping.track.place_recognition import SETTINGS, by_appearance
 
 LINE_FRAMES, CELL_M, LANDMARKS = 40, 0.7, 20
 
@@ -68,7 +68,7 @@ def test_lines_that_lie_side_by_side_are_recognized() -> None:
     true = dive.apart_m(pairs) < 1.5
     assert true.mean() > 0.9
     assert len(np.unique(np.array(pairs)[true])) > 0.95 * len(dive)
-    assert min(b - a for a, b in pairs) >= RECOGNITION_SETTINGS.min_apart
+    assert min(b - a for a, b in pairs) >= SETTINGS.min_apart
 
 
 @pytest.mark.slow
@@ -91,8 +91,8 @@ def test_workers_do_not_change_what_is_recognized() -> None:
 def test_the_work_grows_with_the_frames_and_not_with_their_square(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    small = replace(place_recognition.RECOGNITION_SETTINGS, sample_frames=60, cell=40, cells=4)
-    monkeypatch.setattr(place_recognition, "RECOGNITION_SETTINGS", small)
+    small = replace(place_recognition.SETTINGS, sample_frames=60, cell=40, cells=4)
+    monkeypatch.setattr(place_recognition, "SETTINGS", small)
     footprint = np.random.default_rng(0).uniform(-1, 1, (20, 3))
     for frames in (160, 480):
         dive = Lawnmower(frames)

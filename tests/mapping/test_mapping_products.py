@@ -311,7 +311,7 @@ def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_
 def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mosaic, "MOSAIC_SETTINGS", replace(mosaic.MOSAIC_SETTINGS, views_a_meter=1))
+    monkeypatch.setattr(mosaic, "SETTINGS", replace(mosaic.SETTINGS, views_a_meter=1))
     build_map(
         [flat_frame(i) for i in range(6)],
         PAIR,

@@ -44,11 +44,12 @@ def test_each_record_reads_back_as_it_was(tmp_path: Path) -> None:
     KeptRefinement(native.to_content(rig), {"a": {"left": "1"}}, "moved").save(tmp_path, KEY)
     found = KeptRefinement.load(tmp_path, KEY)
     assert found
-    assert native.to_bytes(found[1]) == native.to_bytes(rig)
+    assert found.stereo_rig
+    assert native.to_bytes(found.stereo_rig) == native.to_bytes(rig)
     plan, config = KeptPlan(3, 1.0, 2.0, 10, 20, {"ranges": 0.5}), RunConfig()
-    plan.save(tmp_path, config)
-    assert KeptPlan.load(tmp_path, 3, config) == plan
-    assert KeptPlan.load(tmp_path, 4, config) is None
+    plan.save(tmp_path, KeptPlan.key(3, config))
+    assert KeptPlan.load(tmp_path, KeptPlan.key(3, config)) == plan
+    assert KeptPlan.load(tmp_path, KeptPlan.key(4, config)) is None
 
 
 @pytest.mark.parametrize("name", LOADERS)

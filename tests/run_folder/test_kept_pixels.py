@@ -11,7 +11,7 @@ import pytest
 from stereo_seecolor.records import Image
 from stereo_seecolor.run_folder import kept_pixels
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels, KeptPixelsLimits
-from stereo_seecolor.run_folder.layout import STATE, scratch_folder
+from stereo_seecolor.run_folder.layout import SCRATCH, STATE, state
 
 RNG = np.random.default_rng(4)
 SIZE = 20 * 30 * (3 + 4 + 1)
@@ -40,7 +40,7 @@ def test_what_does_not_fit_into_memory_comes_back_from_files(
     frames = {f"{i}": pixels() for i in range(4)}
     for name, frame in frames.items():
         kept.keep(name, "key", frame)
-    assert len(list(scratch_folder(tmp_path).iterdir())) == 2
+    assert len(list(state(tmp_path, SCRATCH).iterdir())) == 2
     for name, frame in frames.items():
         found = kept.find(name, "key")
         assert found is not None
@@ -49,7 +49,7 @@ def test_what_does_not_fit_into_memory_comes_back_from_files(
     assert kept.find("0", "another key") is None
     kept.clear()
     assert kept.find("0", "key") is None
-    assert not scratch_folder(tmp_path).exists()
+    assert not state(tmp_path, SCRATCH).exists()
 
 
 def test_dropping_a_frame_makes_room(kept: KeptPixels, tmp_path: Path) -> None:
@@ -58,13 +58,13 @@ def test_dropping_a_frame_makes_room(kept: KeptPixels, tmp_path: Path) -> None:
     kept.drop("0", "key")
     kept.keep("2", "key", pixels())
     assert kept.find("0", "key") is None
-    assert not scratch_folder(tmp_path).exists()
+    assert not state(tmp_path, SCRATCH).exists()
 
 
 def test_a_removed_file_is_not_kept(kept: KeptPixels, tmp_path: Path) -> None:
     for name in "012":
         kept.keep(name, "key", pixels())
-    next(scratch_folder(tmp_path).iterdir()).unlink()
+    next(state(tmp_path, SCRATCH).iterdir()).unlink()
     assert kept.find("2", "key") is None
 
 
@@ -94,20 +94,20 @@ def test_another_process_of_this_machine_finds_files_and_adds_to_them(
     copy.drop("2", "key")
     assert kept.find("2", "key") is None
     kept.clear()
-    assert not scratch_folder(tmp_path).exists()
+    assert not state(tmp_path, SCRATCH).exists()
 
 
 def test_another_machine_keeps_nothing(kept: KeptPixels, tmp_path: Path) -> None:
     copy = KeptPixels.on_worker(tmp_path, "another machine")
     copy.keep("0", "key", pixels())
     assert copy.find("0", "key") is None
-    assert not scratch_folder(tmp_path).exists()
+    assert not state(tmp_path, SCRATCH).exists()
 
 
 def test_half_a_file_is_not_kept(kept: KeptPixels, tmp_path: Path) -> None:
     for name in "012":
         kept.keep(name, "key", pixels())
-    (file,) = scratch_folder(tmp_path).iterdir()
+    (file,) = state(tmp_path, SCRATCH).iterdir()
     file.write_bytes(file.read_bytes()[:-10])
     assert kept.find("2", "key") is None
 

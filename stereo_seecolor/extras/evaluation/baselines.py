@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
+
 Method = Callable[[Array, Array], Array]
 
 # of the pixels of each channel that become black, and white: the usual contrast stretch

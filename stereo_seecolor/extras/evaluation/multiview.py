@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
@@ -38,9 +37,7 @@ from stereo_seecolor.extras.evaluation.multiview_system import (
     model_of,
     near_against_far,
 )
-from stereo_seecolor.records import Water
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Water
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.robust_statistics import deviation
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.photometry.observations import Observations
+from stereo_seecolor.records import Array
 from stereo_seecolor.water.physics import backscatter, optical_depth
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

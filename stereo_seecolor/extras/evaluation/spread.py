@@ -20,9 +20,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
-from stereo_seecolor.records import Image, Map, SurveyFrame
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Image, Map, SurveyFrame
 
 
 @dataclass(frozen=True)

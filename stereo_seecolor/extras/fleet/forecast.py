@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.files.json_records import as_record, load_object
-from stereo_seecolor.run_folder.layout import progress_file
+from stereo_seecolor.run_folder.layout import PROGRESS, state
 from stereo_seecolor.run_folder.run_progress import RunProgress
 
 
@@ -48,6 +48,6 @@ class Forecast(RunProgress):
     def load(cls, root: Path) -> "Forecast | None":
         """Read the latest progress; None where there is none, or it is damaged."""
         try:
-            return as_record(cls, load_object(progress_file(root)))
+            return as_record(cls, load_object(state(root, PROGRESS)))
         except (OSError, ValueError):
             return None

@@ -96,7 +96,7 @@ def plan(
             memory_bytes=found.memory_bytes,
             pass_seconds=measured.pass_seconds,
         )
-        kept.save(out, opened.pipeline.config)
+        kept.save(out, KeptPlan.key(pairs, opened.pipeline.config))
     return found
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.ground_volume import RIM_CELLS, rim_of, rim_plane, volume_of
 from stereo_seecolor.extras.reef.lengths_and_areas import Measured, planar_area
@@ -19,9 +18,7 @@ from stereo_seecolor.mapping.raster.height_errors import OF_EXTREMES, height_std
 from stereo_seecolor.mapping.raster.noise import peaks, spread_of
 from stereo_seecolor.mapping.raster.sides import sides_seen
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from stereo_seecolor.records import Array, Mask
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.lengths_and_areas import Measured
 from stereo_seecolor.extras.reef.map_ground import Ground, Spot
 from stereo_seecolor.extras.reef.polygons import cells_inside
 from stereo_seecolor.mapping.raster.sides import FALLS
+from stereo_seecolor.records import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 RIM_CELLS = 2
 """The ground around an outline: the cells up to this far outside."""
 FEWEST_RIM_CELLS = 6

@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.measure_limits import LIMITS
 from stereo_seecolor.extras.reef.picking import FrameSurface, Pick, PickedPoint
 from stereo_seecolor.extras.reef.polygons import inside, polygon_area
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,7 @@ from stereo_seecolor.extras.reef.polygons import cells_inside, polygon_area
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.height_errors import RELIEF_CELLS, height_stds, plane_sums
 from stereo_seecolor.mapping.raster.sides import step_m
-from stereo_seecolor.records import Map
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Map
 
 
 @dataclass(frozen=True)

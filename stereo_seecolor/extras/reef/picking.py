@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.extras.reef.measure_limits import LIMITS
-from stereo_seecolor.records import Map
+from stereo_seecolor.records import Array, Map
 
-Array = NDArray[np.float64]
 STEP_PX = 8
 """Ranges of an edge before water or a far bottom end up to 5 pixels before it (a plate at 1.5 m
 before a bottom at 3 m).

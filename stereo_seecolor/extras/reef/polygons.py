@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from stereo_seecolor.records import Array, Mask
 
 
 def polygon_area(outline: Array) -> float:

@@ -11,10 +11,9 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.sides import area_over
+from stereo_seecolor.records import Array
 from stereo_seecolor.run_folder.layout import MAP, MESH
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

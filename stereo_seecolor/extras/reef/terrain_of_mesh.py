@@ -1,16 +1,14 @@
 """Terrain of a mesh: heights and colors from straight above, on a grid, and their errors."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.rasterize import rasterize
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
+from stereo_seecolor.records import Array
 from stereo_seecolor.report.terrain_views import correlation_of, noise_of, views_of
 from stereo_seecolor.run_folder.posed_run import PosedRun
-
-Array = NDArray[np.float64]
 
 
 def grid_of(mesh: SiteMesh, cell_m: float) -> Grid:

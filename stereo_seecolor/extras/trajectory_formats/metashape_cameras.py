@@ -4,7 +4,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MountConfig
@@ -12,9 +11,7 @@ from stereo_seecolor.earth import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories.table import Lines
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
-from stereo_seecolor.records import GeoOrigin, Trajectory
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, GeoOrigin, Trajectory
 
 _CAMERA_IN_CHUNK = 16
 _UNIT = np.array([1.0, *np.eye(3).ravel(), 0, 0, 0])

@@ -3,13 +3,11 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.transforms import inverse, rigid_transform, rotation_from_euler
 from stereo_seecolor.earth import R_ENU_NED
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 _CHANGES: dict[str, Callable[[Array], Array]] = {
     "headings counted counterclockwise from north": lambda a: a * [-1, 1, 1],

@@ -5,13 +5,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.assignment import assign
-from stereo_seecolor.records import Trajectory
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Trajectory
 
 STEPS = 64
 """Times between frames that clocks may differ by,"""

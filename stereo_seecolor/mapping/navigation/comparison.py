@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -37,9 +36,7 @@ from stereo_seecolor.mapping.navigation.unmoved import still
 from stereo_seecolor.mapping.navigation.wrong_parts import wrong_parts
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.records import Trajectory
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Trajectory
 
 READ_RIGHTLY = 0.06
 """Poses that fit to so much, between neighbors and over spans together, are read rightly."""

@@ -5,7 +5,6 @@ headings turned against positions, a lever arm.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MappingConfig
@@ -19,8 +18,7 @@ from stereo_seecolor.mapping.navigation.mount import (
     north_of,
 )
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 TURN_HELPS = 0.9
 """A constant turn must leave at most this fraction of the misfit."""

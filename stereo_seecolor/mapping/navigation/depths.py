@@ -1,13 +1,9 @@
 """Given heights against the pictures': other sign, other unit, or always the same."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 LEAST_PAIRS = 8
 """Fewer do not show a factor."""

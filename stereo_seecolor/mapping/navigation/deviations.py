@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import counted
 from calibration.robust_statistics import weighted_median_and_error
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ A prior so loose moves and turns a track about the vertical as a whole, and does
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.robust_statistics import TUKEY, biweight, deviation_about_zero
 from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
@@ -18,9 +17,7 @@ from stereo_seecolor.mapping.navigation.assignment import assign, clock_differen
 from stereo_seecolor.mapping.navigation.clocks import of_other_clocks
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.survey_frames import Unplaced
-from stereo_seecolor.records import Trajectory
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Trajectory
 
 
 @dataclass(frozen=True)

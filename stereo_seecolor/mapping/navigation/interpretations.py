@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.robust_statistics import weighted_median
 from calibration.transforms import inverse, quaternion, rotation_from_quaternion
@@ -15,9 +14,7 @@ from stereo_seecolor.mapping.navigation.motions import Motions, misfit
 from stereo_seecolor.mapping.navigation.mount import north_of
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.track.relative_pose import Edge
-from stereo_seecolor.records import Trajectory
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Trajectory
 
 
 @dataclass(frozen=True)

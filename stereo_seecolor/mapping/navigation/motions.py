@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from calibration.transforms import inverse, rotation_vector, transform_points
 from stereo_seecolor.mapping.track.relative_pose import Edge
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 SAME_PIXEL = 0.02
 """Two points lie in the same direction if their normalized image coordinates differ by less: about

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.robust_statistics import weighted_median_and_error
@@ -14,8 +13,7 @@ from calibration.transforms import nearest_rotation, rotation_from_vector, rotat
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.mapping.navigation.motions import LEAST_EDGES, Motions
 from stereo_seecolor.mapping.track.relative_pose import Edge
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.mapping.navigation.corrections import MAX_TURN_RAD
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.pose_graph import Prior
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 FAR_OFF, ROUNDS = 8.0, 5
 """Standard deviations by which a position along an axis is far off: an outlier is no prior. They

@@ -16,8 +16,8 @@ from calibration.transforms import inverse
 from stereo_seecolor.mapping.navigation.motions import Motions, misfit, misfits
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 SPAN_PARTS = (2, 3, 5)

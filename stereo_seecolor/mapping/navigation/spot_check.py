@@ -41,16 +41,8 @@ class SpotSettings:
 SETTINGS = SpotSettings()
 
 
-@dataclass(frozen=True, eq=False)
-class Spots:
-    """Edges measured here and there; exact: poses agree with them to half a voxel."""
-
-    edges: list[Edge]
-    exact: bool
-
-
-def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
-    """Measure a few relative poses and hold given ones against them."""
+def spot_check(survey: Survey, given: Placement, voxel_m: float) -> tuple[list[Edge], bool]:
+    """Measure a few relative poses, and whether given ones agree with them to half a voxel."""
     order = survey.index.order
     placed = [rank for rank in range(len(order)) if given.components[order[rank]] >= 0]
     neighbors = [(a, b) for a, b in pairwise(placed) if _joined(given, order[[a, b]])]
@@ -63,10 +55,10 @@ def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
     edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SETTINGS.crossings)}))
     found = sum(abs(survey.index.rank[e.i] - survey.index.rank[e.j]) == 1 for e in edges)
     if len(edges) < SETTINGS.min_edges or found < SETTINGS.found * len(neighbors):
-        return Spots(edges, False)
+        return edges, False
     off_m = np.array([_off_m(edge, given, _points(survey, edge.j)) for edge in edges])
     limits_m = SETTINGS.voxels * voxel_m, SETTINGS.worst_voxels * voxel_m
-    return Spots(edges, bool(np.quantile(off_m, 0.9) < limits_m[0] and off_m.max() < limits_m[1]))
+    return edges, bool(np.quantile(off_m, 0.9) < limits_m[0] and off_m.max() < limits_m[1])
 
 
 def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:

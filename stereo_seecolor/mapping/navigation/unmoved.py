@@ -1,14 +1,12 @@
 """Poses that stay while the pictures move."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rotation_vector
 from stereo_seecolor.mapping.navigation.corrections import MAX_TURN_RAD
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 MOVES_M, STILL = 0.05, 0.01
 """Where the pictures move by so much across the vertical, positions that move by so small a

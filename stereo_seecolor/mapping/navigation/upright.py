@@ -10,9 +10,6 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement
 
-Array = NDArray[np.float64]
-
-
 MAX_ABOVE = 0.3
 """The bottom may lie above the cameras by this fraction of its range, as an overhang does; more is
 a map upside down.

@@ -12,8 +12,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.mapping.track.relative_pose import Edge
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 LEAST_FRAMES = 3
 """Of a part: one or two are single wrong fixes, which the others outweigh."""
@@ -58,14 +57,8 @@ def wrong_parts(T_world_camera: Array, seen: SeenMotion, index: FrameIndex) -> l
     is_bad = fraction > MOST_OF
     # in reverse order the middle frames of a part fit each other
     is_bad[1:-1] |= (fraction[1:-1] >= HALF) & is_bad[:-2] & is_bad[2:]
-    parts: list[list[int]] = []
-    for frame, of_it in zip(frames.tolist(), is_bad, strict=True):
-        if not of_it:
-            parts.append([])
-        else:
-            parts = parts or [[]]
-            parts[-1].append(frame)
-    parts = [part for part in parts if len(part) >= LEAST_FRAMES]
+    runs = np.split(np.arange(len(frames)), np.flatnonzero(np.diff(is_bad)) + 1)
+    parts = [frames[run].tolist() for run in runs if is_bad[run[0]] and len(run) >= LEAST_FRAMES]
     inside = np.isin(ends, [frame for part in parts for frame in part]).any(axis=1)
     if not parts or bad[~inside].mean() > 1 - MOST_OF:
         return []

@@ -2,7 +2,8 @@
 track is mostly empty.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -56,28 +57,33 @@ class BlockRaster:
 
     def windows(self) -> Iterator[tuple[slice, slice]]:
         """Iterate over the windows of all blocks that exist, clipped to the raster, row by row."""
-        for row, column in sorted(self._blocks):
-            yield (
-                slice(row * BLOCK_PX, min((row + 1) * BLOCK_PX, self.grid.shape[0])),
-                slice(column * BLOCK_PX, min((column + 1) * BLOCK_PX, self.grid.shape[1])),
-            )
+        return block_windows(self._blocks, self.grid.shape)
 
     def _overlaps(
         self, rows: slice, columns: slice
     ) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
         """Each block that a window meets: its number, the parts of the window and of the block."""
-        for row in range(
-            max(rows.start, 0) // BLOCK_PX, -(-min(rows.stop, self.grid.shape[0]) // BLOCK_PX)
-        ):
-            for column in range(
-                max(columns.start, 0) // BLOCK_PX,
-                -(-min(columns.stop, self.grid.shape[1]) // BLOCK_PX),
-            ):
-                parts = [_overlap(rows, row), _overlap(columns, column)]
-                yield (row, column), (parts[0][0], parts[1][0]), (parts[0][1], parts[1][1])
+        spans = (
+            range(max(side.start, 0) // BLOCK_PX, -(-min(side.stop, length) // BLOCK_PX))
+            for side, length in zip((rows, columns), self.grid.shape, strict=True)
+        )
+        for row, column in product(*spans):
+            parts = [_overlap(rows, row), _overlap(columns, column)]
+            yield (row, column), (parts[0][0], parts[1][0]), (parts[0][1], parts[1][1])
 
     def _path(self, block: tuple[int, int]) -> Path:
         return self._folder / f"{block[0]}-{block[1]}.npy"
+
+
+def block_windows(
+    blocks: Iterable[tuple[int, int]], shape: tuple[int, int]
+) -> Iterator[tuple[slice, slice]]:
+    """The windows of blocks of a raster, clipped to it, row by row; without those beyond it."""
+    for row, column in sorted(blocks):
+        top, left = row * BLOCK_PX, column * BLOCK_PX
+        if top < shape[0] and left < shape[1]:
+            bottom, right = min(top + BLOCK_PX, shape[0]), min(left + BLOCK_PX, shape[1])
+            yield slice(top, bottom), slice(left, right)
 
 
 def _overlap(window: slice, block: int) -> tuple[slice, slice]:

@@ -13,11 +13,9 @@ from calibration.transforms import inverse
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
-from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M
+from stereo_seecolor.mapping.surface.kernels import NEAREST_DEPTH_M, in_camera
 from stereo_seecolor.mapping.survey_frames import Unplaced
-from stereo_seecolor.records import Map, SurveyFrame
-
-Floats = NDArray[np.float64]
+from stereo_seecolor.records import Array, Map, SurveyFrame
 
 
 class Reason(IntEnum):
@@ -71,9 +69,7 @@ def render_gaps(
     return gaps
 
 
-def gap_cells(
-    terrain: BlockRaster, rows: slice, columns: slice
-) -> tuple[NDArray[np.int64], Floats]:
+def gap_cells(terrain: BlockRaster, rows: slice, columns: slice) -> tuple[NDArray[np.int64], Array]:
     """The cells of the gaps in a window: row and column in it (n, 2), and x, y, and the lowest and
     the highest height where their surface may be (n, 4).
     """
@@ -125,12 +121,9 @@ class _Ranges:
             [np.linalg.norm(survey.index.points_m[i], axis=1).max() for i in numbers]
         )
 
-    def near(self, points: Floats) -> list[int]:
+    def near(self, points: Array) -> list[int]:
         """The frames whose farthest measurement reaches a box around cells (n, 4)."""
-        if not len(self._numbers):
-            return []
-        low = np.append(points[:, :2].min(axis=0), points[:, 2].min())
-        high = np.append(points[:, :2].max(axis=0), points[:, 3].max())
+        low, high = points[:, [0, 1, 2]].min(axis=0), points[:, [0, 1, 3]].max(axis=0)
         eye = self.component.T_local_camera[self._numbers, :3, 3]
         away_m = np.linalg.norm(np.maximum(np.maximum(low - eye, eye - high), 0), axis=1)
         return [int(i) for i in self._numbers[away_m <= self._reach_m * (1 + SAME_RANGE)]]
@@ -141,7 +134,7 @@ def _range_m(frame: SurveyFrame | Unplaced) -> Map | None:
     return None if isinstance(frame, Unplaced) else frame.range_m
 
 
-def _reasons(points: Floats, ranges: _Ranges, least_m: float) -> NDArray[np.uint8]:
+def _reasons(points: Array, ranges: _Ranges, least_m: float) -> NDArray[np.uint8]:
     """(n,) the reasons of cells (n, 4)."""
     g = ranges.geometry
     camera = np.array([g.focal_px, g.cx_left_px, g.cy_px])
@@ -181,11 +174,9 @@ def look_at(
         x, y = points[n, 0], points[n, 1]
         for k in range(count):
             z = points[n, 2] + (points[n, 3] - points[n, 2]) * k / (count - 1)
-            depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+            across, down, depth = in_camera(T, x, y, z)
             if not depth > NEAREST_DEPTH_M:
                 continue
-            across = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-            down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
             u, v = camera[0] * across / depth + camera[1], camera[0] * down / depth + camera[2]
             if u < 0 or v < 0 or u > width - 1 or v > height - 1:
                 continue

@@ -19,6 +19,23 @@ def bounds(parts: Iterable[NDArray[np.floating]]) -> tuple[Any, Any]:
     return low, high
 
 
+def widened(
+    window: tuple[slice, slice], before: int, after: int, shape: tuple[int, ...]
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """A window with so many cells more before and after it along both axes, as far as the raster
+    reaches; and where it lies therein.
+    """
+    rows, columns = (
+        slice(max(side.start - before, 0), min(side.stop + after, length))
+        for side, length in zip(window, shape, strict=False)
+    )
+    inner_rows, inner_columns = (
+        slice(side.start - wide.start, side.stop - wide.start)
+        for side, wide in zip(window, (rows, columns), strict=True)
+    )
+    return (rows, columns), (inner_rows, inner_columns)
+
+
 @dataclass(frozen=True)
 class Grid:
     """North-up cells. west_m, north_m: outer edges of the first cell; its center lies on whole

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 ROUGH_CELLS, ROUGH_OVER_CELLS = 2, 4
 """Roughness is what heights within so many cells depart from a plane; it counts over so many."""

@@ -17,14 +17,14 @@ from calibration.geometry import RectifiedPair
 from calibration.transforms import inverse
 from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
 from stereo_seecolor.mapping.component import Component
-from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
+from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster, block_windows
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic_blend import SeenCells, blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.survey_frames import Frames, Unplaced
+from stereo_seecolor.records import Array
 
 Float = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class MosaicSettings:
     doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
 
 
-MOSAIC_SETTINGS = MosaicSettings()
+SETTINGS = MosaicSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def render_mosaic(
         if np.isfinite(cells.z_m).any():
             mosaic.write(*window, _painted(cells, boxes, component, cache))
 
-    for done, _ in enumerate(Threads(MOSAIC_SETTINGS.windows_at_once).each(paint, windows), 1):
+    for done, _ in enumerate(Threads(SETTINGS.windows_at_once).each(paint, windows), 1):
         survey.progress(f"painting the mosaic{component.label}", done, len(windows))
     return mosaic
 
@@ -108,7 +108,7 @@ def _painted(
     """
     known = np.isfinite(cells.z_m)
     painted, left = np.zeros((4, *known.shape), np.uint8), known
-    for _ in range(MOSAIC_SETTINGS.repaints):
+    for _ in range(SETTINGS.repaints):
         reaching = _reaching(cells, left, boxes, component.T_local_camera)
         views = [
             (sight, component.T_local_camera[i])
@@ -118,7 +118,7 @@ def _painted(
         painted[:, left] = _paint(cells, views, component.survey.geometry)[:, left]
         boxes = {i: box for i, box in boxes.items() if i not in reaching}
         left = known & (painted[3] == 0)
-        if left.sum() <= MOSAIC_SETTINGS.unpainted * known.sum():
+        if left.sum() <= SETTINGS.unpainted * known.sum():
             break
     return painted
 
@@ -148,7 +148,7 @@ class _Cache:
             for i in wanted:
                 self._held.move_to_end(i)
             found = [self._held[i] for i in wanted]
-            while len(self._held) > MOSAIC_SETTINGS.cached_frames:
+            while len(self._held) > SETTINGS.cached_frames:
                 self._held.popitem(last=False)
             return found
 
@@ -175,16 +175,7 @@ def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
         last = np.floor((corners + 1) / BLOCK_PX).astype(int)
         for row in range(max(first[0, 1], 0), last[1, 1] + 1):
             blocks |= {(row, column) for column in range(max(first[0, 0], 0), last[1, 0] + 1)}
-    sides = [
-        (slice(r * BLOCK_PX, (r + 1) * BLOCK_PX), slice(c * BLOCK_PX, (c + 1) * BLOCK_PX))
-        for r, c in sorted(blocks)
-    ]
-    height, width = grid.shape
-    return [
-        (slice(rows.start, min(rows.stop, height)), slice(columns.start, min(columns.stop, width)))
-        for rows, columns in sides
-        if rows.start < height and columns.start < width
-    ]
+    return list(block_windows(blocks, grid.shape))
 
 
 def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cells:
@@ -205,7 +196,7 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         z_m = np.where(weight > 0.5, z / weight, np.nan).astype(np.float64)
-        at_step = (weight > 0.5) & (highest - lowest > MOSAIC_SETTINGS.hidden_m)
+        at_step = (weight > 0.5) & (highest - lowest > SETTINGS.hidden_m)
         z_m[at_step] = _on_one_side(part, u[at_step], v[at_step])
         other_m = np.where(z_m - lowest > highest - z_m, lowest, highest)
     return Cells(grid.cell_m, x_m, y_m, z_m, np.where(at_step, other_m, np.nan).astype(np.float64))
@@ -228,7 +219,7 @@ def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
     highest, lowest = np.fmax.reduce(corners), np.fmin.reduce(corners)
     upper = weights * (corners > (highest + lowest) / 2)
     side = np.where(upper.sum(axis=0) > 0.5 * weights.sum(axis=0), upper, weights - upper)
-    weights = np.where(highest - lowest > MOSAIC_SETTINGS.hidden_m, side, weights)
+    weights = np.where(highest - lowest > SETTINGS.hidden_m, side, weights)
     return np.asarray((weights * np.nan_to_num(corners)).sum(axis=0) / weights.sum(axis=0))
 
 
@@ -239,9 +230,7 @@ def _closed(heights_m: Float) -> Float:
     known, window = np.isfinite(heights_m), (3, 3)
     fraction = cv2.blur(known.astype(np.float32), window)
     mean = cv2.blur(np.nan_to_num(heights_m), window) / np.maximum(fraction, np.float32(1e-6))
-    return np.asarray(
-        np.where(known | (fraction < MOSAIC_SETTINGS.closed), heights_m, mean), np.float32
-    )
+    return np.asarray(np.where(known | (fraction < SETTINGS.closed), heights_m, mean), np.float32)
 
 
 def _around_each(heights_m: Float) -> tuple[Float, Float]:
@@ -261,7 +250,7 @@ def _reaching(
     low, high = np.array([x_m.min(), y_m.min()]), np.array([x_m.max(), y_m.max()])
     middle = (low + high) / 2
     near = [i for i, box in boxes.items() if (box[0] <= high).all() and (box[1] >= low).all()]
-    most = int(np.ceil(MOSAIC_SETTINGS.views_a_meter * max(1.0, float((high - low).max()))))
+    most = int(np.ceil(SETTINGS.views_a_meter * max(1.0, float((high - low).max()))))
     return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[:most])
 
 
@@ -293,9 +282,9 @@ def _seen(
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
     limits = np.array(
         [
-            MOSAIC_SETTINGS.hidden_m,
-            MOSAIC_SETTINGS.hidden_fraction,
-            MOSAIC_SETTINGS.doubtful_cost,
+            SETTINGS.hidden_m,
+            SETTINGS.hidden_fraction,
+            SETTINGS.doubtful_cost,
             cells.edge_m,
         ]
     )
@@ -329,8 +318,8 @@ def _compared(
     ends = np.cumsum(sizes.prod(axis=1))
     boxes = np.column_stack([boxes, ends - sizes.prod(axis=1)])
     mean = np.zeros((*shape, 3), np.float32)
-    cost_a_level = MOSAIC_SETTINGS.disagreement / 3 / 25.5
-    outlier = MOSAIC_SETTINGS.outlier
+    cost_a_level = SETTINGS.disagreement / 3 / 25.5
+    outlier = SETTINGS.outlier
     in_parts(partial(agree, boxes, color, cost, weight, cost_a_level, outlier, mean), len(mean))
     views = [
         SeenCells(part, own_color.reshape(*size, 3), own_cost.reshape(size))

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.mapping.raster.grid import widened
+
 Float = NDArray[np.float32]
 
 
@@ -43,12 +45,6 @@ class SeenCells:
     color: NDArray[np.uint8]
     cost: Float
 
-    def in_window(self, shape: tuple[int, int]) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
-        """Which cells (H, W) of the whole window it sees, and its colors (H, W, 3), else 0."""
-        seen, color = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.uint8)
-        seen[self.part], color[self.part] = np.isfinite(self.cost), self.color
-        return seen, color
-
 
 def blend(views: Sequence[SeenCells], mean: Float) -> NDArray[np.uint8]:
     """Paint each cell from the view of least smoothed cost, in the color of the mean (H, W, 3),
@@ -63,7 +59,8 @@ def blend(views: Sequence[SeenCells], mean: Float) -> NDArray[np.uint8]:
         window = _around(mine)
         if window is None:
             continue
-        seen, color = view.in_window(best.shape)
+        seen, color = np.zeros(best.shape, np.bool_), np.zeros((*best.shape, 3), np.uint8)
+        seen[view.part], color[view.part] = np.isfinite(view.cost), view.color
         weight = (
             cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px)
             * seen[window]
@@ -89,20 +86,14 @@ def _as_the_mean(
     cells that the view sees.
     """
     reach = int(np.ceil(2 * SETTINGS.band_px))
-    rows, columns = window
-    top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
     # the blur at the window's edge reaches so far
-    wide = (slice(top, rows.stop + reach), slice(left, columns.stop + reach))
+    wide, inner = widened(window, reach, reach, seen.shape)
     own, is_seen = color[wide].astype(np.float32), seen[wide][..., None]
     own_band, mean_band = _coarse_band(own * is_seen), _coarse_band(mean[wide] * is_seen)
     factor = np.clip(
         (mean_band + 1e-3) / (own_band + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change
     )
     factor = cv2.resize(factor, own.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    inner = (
-        slice(rows.start - top, rows.stop - top),
-        slice(columns.start - left, columns.stop - left),
-    )
     return np.asarray(own[inner] * factor[inner], np.float32)
 
 

@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
+
 DRAWS = 24
 """The standard error is then itself known to 15 % (1 / sqrt(2 (n - 1)))."""
 
@@ -46,7 +47,7 @@ class CorrectionSettings:
     steepest: float = 1.5
 
 
-CORRECTION_SETTINGS = CorrectionSettings()
+SETTINGS = CorrectionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +67,10 @@ class Smoothing:
         """
         own, added = self.kernel_cells * cells, resolved**2 - cells**2
         at_fine = np.sqrt(own**2 + added)
-        at_coarse = np.sqrt(own**2 + added + (CORRECTION_SETTINGS.smoother**2 - 1) * resolved**2)
+        at_coarse = np.sqrt(own**2 + added + (SETTINGS.smoother**2 - 1) * resolved**2)
         ratio, falling = at_coarse / at_fine, (coarse * fine > 0) & (np.abs(coarse) < np.abs(fine))
         falls = np.divide(fine, coarse, out=np.ones_like(fine), where=falling)
-        falls = np.minimum(falls, ratio**CORRECTION_SETTINGS.steepest)
+        falls = np.minimum(falls, ratio**SETTINGS.steepest)
         steps = np.where(
             self.of_ranges,
             (at_fine - own) / (at_coarse - at_fine),
@@ -104,7 +105,7 @@ def observed(
         (1 + draws, 2, K): as mapped, then with each draw; as it is, and smoothed further.
     """
     blur_cells = _resolved(correlation_cells, scale_cells) * float(
-        np.sqrt((CORRECTION_SETTINGS.smoother**2 - 1) / CORRECTION_SETTINGS.steps)
+        np.sqrt((SETTINGS.smoother**2 - 1) / SETTINGS.steps)
     )
 
     def both(heights: Array) -> Array:
@@ -142,8 +143,8 @@ def corrected(
     sharp = smoothing.undone(fine, coarse, scale_cells, resolved)
     raw, smooth, values = derive(mapped[0]), derive(fine), derive(sharp)
     of_corrections = np.hypot(
-        CORRECTION_SETTINGS.of_noise * (raw - smooth),
-        CORRECTION_SETTINGS.of_scale * (values - smooth),
+        SETTINGS.of_noise * (raw - smooth),
+        SETTINGS.of_scale * (values - smooth),
     )
     by_draws = np.array([derive(draw) for draw in drawn[:, 0]]).std(axis=0, ddof=1)
     return values, by_draws, of_corrections
@@ -157,12 +158,12 @@ def blur_reach(correlation_cells: float, scale_cells: int) -> int:
 def _resolved(correlation_cells: float, scale_cells: int) -> float:
     """How many cells across is what matching and voxels leave of the finest detail."""
     lost = _smoothed_cells(correlation_cells)
-    return float(np.sqrt(scale_cells**2 + CORRECTION_SETTINGS.steps * lost**2))
+    return float(np.sqrt(scale_cells**2 + SETTINGS.steps * lost**2))
 
 
 def _smoothed_cells(correlation_cells: float) -> float:
     """Standard deviation of what matching and voxels smooth, in cells."""
-    of_match, of_voxel = CORRECTION_SETTINGS.of_match, CORRECTION_SETTINGS.of_voxel
+    of_match, of_voxel = SETTINGS.of_match, SETTINGS.of_voxel
     return float(np.hypot(of_match * correlation_cells, of_voxel))
 
 
@@ -181,7 +182,7 @@ def peaks(
     Returns:
         The values, and their standard errors by how well both corrections are known: (M,) each.
     """
-    blur_cells = CORRECTION_SETTINGS.of_peaks * _smoothed_cells(correlation_cells)
+    blur_cells = SETTINGS.of_peaks * _smoothed_cells(correlation_cells)
 
     def both(heights: Array) -> Array:
         return np.array([measure(heights), measure(smoothed(heights, blur_cells))])
@@ -192,9 +193,7 @@ def peaks(
     added = np.mean(drawn, axis=0) - mapped
     fine, coarse = mapped - added
     taken = np.maximum(fine - coarse, 0)
-    return fine + taken, np.hypot(
-        CORRECTION_SETTINGS.of_noise * added[0], CORRECTION_SETTINGS.of_scale * taken
-    )
+    return fine + taken, np.hypot(SETTINGS.of_noise * added[0], SETTINGS.of_scale * taken)
 
 
 def spread_of(

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 STEP_CELLS = 2.0
 """Cells by which one cell is higher than another where they show two things: steeper than 63
 degrees.

@@ -1,4 +1,4 @@
-"""The metrics of one square of terrain, from its height ranges and its surface.
+"""The metrics of one square of terrain by its height ranges.
 
 Rugosity, fractal dimension and height range of a square are geometrically related (Torres-Pulliza
 et al. 2020, Nature Ecology & Evolution 4:1495): the mean height range dh(L) of squares of edge L
@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity
 
 Heights = NDArray[np.float64]
 
@@ -30,38 +28,6 @@ class RdhSettings:
 SETTINGS = RdhSettings()
 STUDENT = {2: 2.195, 3: 1.624}
 """By degrees of freedom: the 97.5 % quantile of Student's distribution over the normal one."""
-
-
-@dataclass(frozen=True)
-class Rdh:
-    """The three metrics of a square.
-
-    rugosity_area: area of the surface over its planar area (Jenness 2004). rugosity_hvar: from
-    height ranges at the finest edge.
-    fractal_dimension: 2 for flat, to 3. height_range_m: highest less lowest. NaN where too little
-    was seen.
-    """
-
-    rugosity_area: float
-    rugosity_hvar: float
-    fractal_dimension: float
-    height_range_m: float
-
-
-def rdh(height_m: NDArray[np.floating], cell_m: float) -> Rdh:
-    """Measure a square of terrain (H, W), NaN where unknown, at the scales of its edge halved up to
-    four times.
-    """
-    heights = np.asarray(height_m, np.float64)
-    edges, ranges = height_ranges(heights, cell_m)
-    return Rdh(
-        rugosity_hvar=rugosity_hvar(edges, ranges),
-        rugosity_area=float(surface_rugosity(heights, cell_m)),
-        fractal_dimension=dimension(edges, ranges),
-        height_range_m=float(np.nanmax(heights) - np.nanmin(heights))
-        if np.isfinite(heights).any()
-        else float("nan"),
-    )
 
 
 def height_ranges(heights: Heights, cell_m: float) -> tuple[Heights, Heights]:

@@ -3,7 +3,7 @@ them, and standard error.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,11 @@ from stereo_seecolor.mapping.raster.square_metrics import (
     dimension,
     dimension_std,
     height_ranges,
-    rdh,
     rugosity_hvar,
 )
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 Window = tuple[slice, slice]
 
 EDGES_M = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -48,8 +47,10 @@ MIN_COVERAGE = 0.8
 
 @dataclass(frozen=True)
 class Numbers:
-    """See ``rdh`` and reef_metrics.py. mesh_rugosity: area of the mesh, overhangs and noise
-    included, over the planar area; without a standard error.
+    """rugosity_area: area of the surface over its planar area (Jenness 2004). rugosity_hvar,
+    fractal_dimension (2 for flat, to 3): see square_metrics.py. height_range_m: highest less
+    lowest. vector_ruggedness: see reef_metrics.py. mesh_rugosity: area of the mesh, overhangs and
+    noise included, over the planar area; without a standard error.
     """
 
     rugosity_area: float
@@ -58,11 +59,6 @@ class Numbers:
     height_range_m: float
     vector_ruggedness: float
     mesh_rugosity: float
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """The names of the metrics, in the order of the fields."""
-        return tuple(field.name for field in fields(cls))
 
 
 @dataclass(frozen=True)
@@ -245,12 +241,21 @@ def resolved_cells(correlation_m: float, cell_m: float) -> int:
 
 def numbers_of(heights: Array, cell_m: float, windows: list[Window]) -> Array:
     """(N, 5) the numbers of squares, but the mesh's."""
-    return np.array(
-        [
-            (*astuple(rdh(heights[w], cell_m)), vector_ruggedness(heights[w], cell_m))
-            for w in windows
-        ]
-    )
+    found = []
+    for window in windows:
+        edges_m, (area, ruggedness, hvar, *ranges_m) = _of_square(heights[window], cell_m)
+        fractal = dimension(edges_m, np.array(ranges_m))
+        found.append([area, hvar, fractal, ranges_m[0], ruggedness])
+    return np.array(found)
+
+
+def _of_square(heights: Array, cell_m: float) -> tuple[Array, Array]:
+    """Edges of K height ranges; and (3 + K,) rugosity, ruggedness, rugosity by height ranges, and
+    these.
+    """
+    edges_m, ranges_m = height_ranges(heights, cell_m)
+    of_surface = surface_rugosity(heights, cell_m), vector_ruggedness(heights, cell_m)
+    return edges_m, np.array([*of_surface, rugosity_hvar(edges_m, ranges_m), *ranges_m])
 
 
 def _edges_of_ranges(edge_m: float, cell_m: float) -> Array:
@@ -265,10 +270,7 @@ def _sums(heights: Array, cell_m: float, edge_m: float, windows: list[Window]) -
     """
     found = np.full((len(windows), 3 + len(_edges_of_ranges(edge_m, cell_m))), np.nan)
     for row, window in zip(found, windows, strict=True):
-        part = heights[window]
-        edges_m, ranges_m = height_ranges(part, cell_m)
-        row[:2] = surface_rugosity(part, cell_m), vector_ruggedness(part, cell_m)
-        row[2], row[3:] = rugosity_hvar(edges_m, ranges_m), ranges_m
+        row[:] = _of_square(heights[window], cell_m)[1]
     return np.concatenate([np.nansum(found, axis=0), np.isfinite(found).sum(axis=0)])
 
 

@@ -12,8 +12,7 @@ from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.noise import averaged
 from stereo_seecolor.mapping.raster.rasterize import rasterize
 from stereo_seecolor.mapping.surface.surface import Surface
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,51 +56,32 @@ def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
     share no triangle, and their points on the plane between them are equal to the bit. Points and
     triangles come in the order of the blocks, whatever the number of cores.
     """
-    blocks = len(volume.blocks)
+    blocks, tables = len(volume.blocks), (*cube_cases(), EDGES)
     around = np.empty((blocks, 27), np.int32)
     in_parts(partial(neighbors, volume.blocks, around), blocks, PART_BLOCKS)
-    cubes = _Cubes.of(volume, own, around)
-    counts = np.zeros(blocks, np.int64)
-    in_parts(partial(count_points, cubes.numbers, counts), blocks, PART_BLOCKS)
-    starts, points = _starts(counts), int(counts.sum())
+    cases = np.empty(volume.tsdf.shape, np.uint8)
+    numbers = np.full((*volume.tsdf.shape, 3), -1, np.int32)
+    counts, counts_of_triangles = np.zeros(blocks, np.int64), np.zeros(blocks, np.int64)
+    find = partial(
+        find_cases, own, around, volume.tsdf, volume.weight, MIN_WEIGHT, tables,
+        (cases, numbers, counts_of_triangles),
+    )  # fmt: skip
+    in_parts(find, len(own), PART_BLOCKS)
+    in_parts(partial(count_points, numbers, counts), blocks, PART_BLOCKS)
+    points = int(counts.sum())
     positions, normals = np.empty((points, 3), np.float32), np.empty((points, 3), np.float32)
     colors = np.empty((points, 3), np.uint8)
     voxels = volume.tsdf, volume.weight, volume.color, volume.color_weight
     place = partial(
-        place_points, volume.blocks, around, voxels, MIN_WEIGHT, volume.voxel_m, cubes.numbers,
-        starts, (positions, normals, colors),
+        place_points, volume.blocks, around, voxels, MIN_WEIGHT, volume.voxel_m, numbers,
+        _starts(counts), (positions, normals, colors),
     )  # fmt: skip
     in_parts(place, blocks, PART_BLOCKS)  # it numbers the points, which the triangles refer to
-    return Surface(positions, normals, colors, cubes.triangles(own, around))
-
-
-@dataclass(frozen=True, eq=False)
-class _Cubes:
-    """The cubes of a tile. cases, numbers: see extraction.py. counts: (B,) triangles a block."""
-
-    cases: NDArray[np.uint8]
-    numbers: NDArray[np.int32]
-    counts: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, volume: Volume, own: NDArray[np.int64], around: NDArray[np.int32]) -> "_Cubes":
-        """The case of each cube; ``numbers`` is 0 on each edge with a point, -1 on others."""
-        cases = np.empty(volume.tsdf.shape, np.uint8)
-        numbers = np.full((*volume.tsdf.shape, 3), -1, np.int32)
-        counts = np.zeros(len(volume.blocks), np.int64)
-        tables, found = (*cube_cases(), EDGES), (cases, numbers, counts)
-        voxels = volume.tsdf, volume.weight, MIN_WEIGHT
-        in_parts(partial(find_cases, own, around, *voxels, tables, found), len(own), PART_BLOCKS)
-        return cls(cases, numbers, counts)
-
-    def triangles(self, own: NDArray[np.int64], around: NDArray[np.int32]) -> NDArray[np.int32]:
-        """The points of each triangle, (T, 3), once ``numbers`` holds the points' numbers."""
-        starts = _starts(self.counts)
-        tables, found = (*cube_cases(), EDGES), (self.cases, self.numbers)
-        indices = np.empty((self.counts.sum(), 3), np.int32)
-        listed = partial(list_triangles, own, around, tables, found, starts, indices)
-        in_parts(listed, len(own), PART_BLOCKS)
-        return indices
+    triangles = np.empty((counts_of_triangles.sum(), 3), np.int32)
+    starts = _starts(counts_of_triangles)
+    listed = partial(list_triangles, own, around, tables, (cases, numbers), starts, triangles)
+    in_parts(listed, len(own), PART_BLOCKS)
+    return Surface(positions, normals, colors, triangles)
 
 
 def _starts(counts: NDArray[np.int64]) -> NDArray[np.int64]:

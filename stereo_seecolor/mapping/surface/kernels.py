@@ -164,7 +164,7 @@ def integrate(
             keys[b, 2] * BLOCK * voxel_m,
         )
         for k, j in np.ndindex((BLOCK, BLOCK)):
-            start = _in_camera(T, corner[0], corner[1] + j * voxel_m, corner[2] + k * voxel_m)
+            start = in_camera(T, corner[0], corner[1] + j * voxel_m, corner[2] + k * voxel_m)
             for i in range(BLOCK):
                 along = i * voxel_m
                 z = start[2] + T[2, 0] * along
@@ -212,7 +212,8 @@ def _at(image: Any, row: float, column: float) -> Any:
 
 
 @compiled
-def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
+def in_camera(T: Any, x: float, y: float, z: float) -> Any:
+    """A point of the world in the camera. T: (4, 4) float64, camera from world."""
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],

@@ -52,36 +52,26 @@ class MeasuredPixels:
         top, bottom, left, right = cells
         if top >= bottom or left >= right:
             return
-        self._weigh_cells(frame, voxel_m, self._wider(cells))
-        self._slant_cells(cells)
-
-    def _wider(self, cells: Cells) -> Cells:
-        """The window with one cell more on each side, within the image."""
-        top, bottom, left, right = cells
         rows, columns = self.deepest_m.shape
-        return max(top - 1, 0), min(bottom + 1, rows), max(left - 1, 0), min(right + 1, columns)
-
-    def _weigh_cells(self, frame: SurveyFrame, voxel_m: float, cells: Cells) -> None:
-        top, bottom, left, right = cells
+        above, below = max(top - 1, 0), min(bottom + 1, rows)
+        before, behind = max(left - 1, 0), min(right + 1, columns)
 
         def weigh_rows(first: int, last: int) -> None:
             weigh(
                 frame.range_m, frame.range_std_m, frame.confidence, self.geometry.ray_length,
-                voxel_m,
-                self.depth_m, self.weight, self.inverse, self.deepest_m, left, right, top + first,
-                top + last,
+                voxel_m, self.depth_m, self.weight, self.inverse, self.deepest_m, before, behind,
+                above + first, above + last,
             )  # fmt: skip
 
-        in_parts(weigh_rows, bottom - top)
-
-    def _slant_cells(self, cells: Cells) -> None:
+        in_parts(weigh_rows, below - above)
         height, width = self.depth_m.shape
-        top, bottom = cells[0] * CELL, min(cells[1] * CELL, height)
-        left, right = cells[2] * CELL, min(cells[3] * CELL, width)
+        first_row, first_column = top * CELL, left * CELL
+        last_row, last_column = min(bottom * CELL, height), min(right * CELL, width)
 
         def slant_rows(first: int, last: int) -> None:
             slant_factors(
-                self.inverse, self.camera, self.slant_factor, left, right, top + first, top + last
-            )
+                self.inverse, self.camera, self.slant_factor, first_column, last_column,
+                first_row + first, first_row + last,
+            )  # fmt: skip
 
-        in_parts(slant_rows, bottom - top)
+        in_parts(slant_rows, last_row - first_row)

@@ -1,19 +1,17 @@
 """Tiles joined without seams: points on a border between tiles are written once."""
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.ply import FACE, VERTEX, header
 from stereo_seecolor.mapping.surface.small_parts import near_border
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tiling
-
-CHUNK_BYTES = 1 << 22
 
 
 def write_map(
@@ -51,7 +49,10 @@ def _write_bodies(
         new = np.flatnonzero(numbers < 0)
         numbers[new] = points + np.arange(len(new))
         border.update(zip(keys, numbers[on_border].tolist(), strict=True))
-        vertex_file.write(_vertices(surface, new).tobytes())
+        vertices = np.empty(len(new), VERTEX)
+        vertices["position"], vertices["normal"] = surface.points_m[new], surface.normals[new]
+        vertices["color"] = surface.colors[new]
+        vertex_file.write(vertices.tobytes())
         faces = np.empty(len(surface.triangles), FACE)
         faces["count"], faces["indices"] = 3, numbers[surface.triangles]
         face_file.write(faces.tobytes())
@@ -59,17 +60,9 @@ def _write_bodies(
     return points, triangles
 
 
-def _vertices(surface: Surface, chosen: NDArray[np.int64]) -> NDArray[np.void]:
-    vertices = np.empty(len(chosen), VERTEX)
-    vertices["position"], vertices["normal"] = surface.points_m[chosen], surface.normals[chosen]
-    vertices["color"] = surface.colors[chosen]
-    return vertices
-
-
 def _assemble(path: Path, head: bytes, *bodies: Path) -> None:
     with path.open("wb") as target:
         target.write(head)
         for body in bodies:
             with body.open("rb") as source:
-                while chunk := source.read(CHUNK_BYTES):
-                    target.write(chunk)
+                shutil.copyfileobj(source, target)

@@ -1,7 +1,6 @@
 """Removal of small connected surfaces that touch nothing else: they are fish, or mismatches."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ def near_border(points_m: NDArray[np.float32], tiling: Tiling) -> NDArray[np.boo
 def drop(store: TileStore, tiling: Tiling) -> None:
     """Remove the islands from the tiles of a store. Raises OutputError."""
     on_cores = Threads(cores())
-    parts = on_cores.each(lambda tile: _TileParts.of(store.load(tile), tiling), tiling.tiles)
+    parts = on_cores.each(lambda tile: _parts(store.load(tile), tiling), tiling.tiles)
 
     def remove(found: tuple[Tile, NDArray[np.bool_]]) -> None:
         tile, kept = found
@@ -46,24 +45,19 @@ def drop(store: TileStore, tiling: Tiling) -> None:
         pass
 
 
-@dataclass(frozen=True, eq=False)
-class _TileParts:
-    """The connected parts of a tile. areas_m2: (P,). border: points that a neighboring tile may
-    hold, and the part of each.
-    """
+_TileParts = tuple[NDArray[np.float64], list[tuple[bytes, int]]]
+"""The areas (P,) of the connected parts of a tile, square meters; points that a neighboring tile
+may hold, and the part of each.
+"""
 
-    areas_m2: NDArray[np.float64]
-    border: list[tuple[bytes, int]]
 
-    @classmethod
-    def of(cls, surface: Surface, tiling: Tiling) -> "_TileParts":
-        part = surface.parts
-        count = int(part.max(initial=-1)) + 1
-        areas_m2 = np.bincount(
-            part[surface.triangles[:, 0]], surface.areas_m2, minlength=count
-        ).astype(np.float64)
-        on_border = np.flatnonzero(near_border(surface.points_m, tiling))
-        return cls(areas_m2, [(surface.points_m[i].tobytes(), int(part[i])) for i in on_border])
+def _parts(surface: Surface, tiling: Tiling) -> _TileParts:
+    part = surface.parts
+    count = int(part.max(initial=-1)) + 1
+    areas_m2 = np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count)
+    on_border = np.flatnonzero(near_border(surface.points_m, tiling))
+    border = [(surface.points_m[i].tobytes(), int(part[i])) for i in on_border]
+    return areas_m2.astype(np.float64), border
 
 
 def _kept(tiles: Iterable[_TileParts]) -> list[NDArray[np.bool_]]:
@@ -72,12 +66,12 @@ def _kept(tiles: Iterable[_TileParts]) -> list[NDArray[np.bool_]]:
     joined: list[tuple[int, int]] = []
     part_at_border: dict[bytes, int] = {}
     count = 0  # of parts so far; each tile's are numbered on from there
-    for tile in tiles:
-        for point, part in tile.border:
+    for areas_m2, border in tiles:
+        for point, part in border:
             number = count + part
             joined.append((number, part_at_border.setdefault(point, number)))
-        areas.append(tile.areas_m2)
-        count += len(tile.areas_m2)
+        areas.append(areas_m2)
+        count += len(areas_m2)
     if not count:
         return [np.zeros(0, np.bool_) for _ in areas]
     ends = np.array(joined, np.int64).reshape(-1, 2)

@@ -1,12 +1,12 @@
 """Finished tiles on disk: memory stays bounded, and a map that was stopped goes on where it was."""
 
-import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.raw_arrays import load_arrays
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.kept_frames import kept_folder
@@ -25,7 +25,11 @@ class TileStore:
         """Open the store in ``folder``; tiles there that were made from other poses, frames or
         settings, or by another engine, are deleted.
         """
-        return cls(kept_folder(folder, _key(tiling, component, engine)))
+        index, frames = component.survey.index, component.frames
+        made_from = component.T_local_camera[frames], index.checksums[frames], engine
+        blocks = (tile.blocks for tile in tiling.tiles)
+        key = content_key(*made_from, tiling.voxel_m, tiling.tile_blocks, *blocks)
+        return cls(kept_folder(folder, key))
 
     def has(self, tile: Tile) -> bool:
         """Tell whether the tile is finished."""
@@ -34,20 +38,11 @@ class TileStore:
     def save(self, tile: Tile, surface: Surface) -> None:
         """Write a tile. Raises OutputError if it cannot be written."""
         with atomic_path(self._path(tile)) as path, path.open("wb") as file:
-            np.savez(
-                file,
-                points=surface.points_m,
-                normals=surface.normals,
-                colors=surface.colors,
-                triangles=surface.triangles,
-            )
+            np.savez(file, **vars(surface))
 
     def load(self, tile: Tile) -> Surface:
         """Read a tile that was saved."""
-        content = load_arrays(self._path(tile))
-        return Surface(
-            content["points"], content["normals"], content["colors"], content["triangles"]
-        )
+        return Surface(**load_arrays(self._path(tile)))
 
     def surfaces(self, tiling: Tiling) -> Iterator[Surface]:
         """Read all tiles, one in memory at a time."""
@@ -55,16 +50,3 @@ class TileStore:
 
     def _path(self, tile: Tile) -> Path:
         return self._folder / f"{tile.name}.npz"
-
-
-def _key(tiling: Tiling, component: Component, engine: str) -> str:
-    poses = component.T_local_camera[component.frames]
-    checksums = component.survey.index.checksums[component.frames]
-    digest = hashlib.sha256(
-        poses.tobytes()
-        + checksums.tobytes()
-        + repr((tiling.voxel_m, tiling.tile_blocks, engine)).encode()
-    )
-    for tile in tiling.tiles:
-        digest.update(tile.blocks.tobytes())
-    return digest.hexdigest()

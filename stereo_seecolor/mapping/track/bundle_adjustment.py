@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from calibration.robust_statistics import deviation_about_zero
@@ -20,9 +19,8 @@ from stereo_seecolor.mapping.track.flattened_relief import flattened_relief
 from stereo_seecolor.mapping.track.image_errors import disparity_errors
 from stereo_seecolor.mapping.track.known_points import KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import Prior
+from stereo_seecolor.records import Array
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,13 @@ from scipy.sparse import bsr_array, csr_array
 
 from calibration.transforms import inverse, rotation_from_vector, rotation_vector, transform_points
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout
+from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Integers, Layout
 from stereo_seecolor.mapping.track.image_space import cross, inverses
 from stereo_seecolor.mapping.track.known_points import Known
 from stereo_seecolor.mapping.track.pose_graph import CAUCHY, Prior
 from stereo_seecolor.mapping.track.shared_points import TrackObservations
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
-
-
-Integers = NDArray[np.int64]
 Result = TypeVar("Result")
 LEAST_LEFT = 0.05
 """Of a residual's variance; where the point took more, nothing is learned from it."""

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rotation_vector
 from stereo_seecolor.mapping.track.relative_pose import Edge
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 MIN_FRAMES = 2
 """A frame that matches no other has no place."""

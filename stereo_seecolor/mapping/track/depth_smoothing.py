@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.records import SurveyFrame
-
-Map = NDArray[np.float32]
+from stereo_seecolor.records import Map, SurveyFrame
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
     known = np.isfinite(measured_m) & (frame.confidence[some] > 0)
     range_m = np.where(known, measured_m, np.float32(1))
     inverse = np.where(known, geometry.ray_length[some] / range_m, 0).astype(np.float32)
-    width = _window(every)
+    width = max(LEAST_WINDOW, SETTINGS.window_px // every // 2 * 2 + 1)  # of samples, odd
     share = _mean(known.astype(np.float32), width)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = _mean(inverse, width) / share
@@ -98,11 +96,6 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> Smo
         )
     usable = known & (share > SETTINGS.min_known) & smooth
     return SmoothDepth(mean, near, std.astype(np.float32), usable, every)
-
-
-def _window(every: int) -> int:
-    """The window's width in the pixels that are left: odd."""
-    return max(LEAST_WINDOW, SETTINGS.window_px // every // 2 * 2 + 1)
 
 
 def _mean(values: Map, width: int) -> Map:

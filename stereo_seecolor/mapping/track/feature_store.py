@@ -32,13 +32,17 @@ class FeatureStore(Lazy[Features]):
 
     @classmethod
     def of(cls, survey: Survey) -> "FeatureStore":
-        """The store of a survey's frames; features of an earlier run in them are kept."""
-        index = survey.index
-        if survey.scratch is None:
-            return _Temporary([f"{number}.npz" for number in index.order.tolist()])
+        """The store of a survey's frames; features of an earlier run in them are kept. Without a
+        folder of the survey's, its own goes with it.
+        """
+        index, scratch = survey.index, survey.scratch
+        folder = scratch or Path(tempfile.mkdtemp(prefix="stereo-seecolor-"))
         names = [f"{number}_{index.checksums[number]:08x}.npz" for number in index.order.tolist()]
         key = content_key(__version__, FEATURE_SETTINGS, survey.geometry)
-        return cls(kept_folder(survey.scratch / "features", key), names)
+        store = cls(kept_folder(folder / "features", key), names)
+        if scratch is None:
+            weakref.finalize(store, shutil.rmtree, folder, ignore_errors=True)
+        return store
 
     def __len__(self) -> int:
         return len(self._names)
@@ -58,14 +62,6 @@ class FeatureStore(Lazy[Features]):
 
     def _path(self, number: int) -> Path:
         return self._folder / self._names[number]
-
-
-class _Temporary(FeatureStore):
-    """In a folder that goes with this object."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        super().__init__(Path(tempfile.mkdtemp(prefix="stereo-seecolor-")), names)
-        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
 
 
 @lru_cache(maxsize=HELD)

@@ -10,9 +10,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.mapping.track.depth_smoothing import smooth_depth
 from stereo_seecolor.mapping.track.local_contrast import local_contrast
 from stereo_seecolor.mapping.track.sift import keypoints
-from stereo_seecolor.records import SurveyFrame
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, SurveyFrame
 
 
 @dataclass(frozen=True)

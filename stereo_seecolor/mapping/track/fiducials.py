@@ -7,13 +7,12 @@ calibration, each weighted by its standard error; all ranges are then scaled by 
 lengths and places hold the shape of the track as factors of its bundle adjustment.
 """
 
-from collections import defaultdict
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MarkersConfig
@@ -35,9 +34,7 @@ from stereo_seecolor.mapping.survey_frames import Frames
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.shared_points import TrackObservations
-from stereo_seecolor.records import SurveyFrame
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, SurveyFrame
 
 
 @dataclass(frozen=True)
@@ -75,15 +72,14 @@ class Marks:
         """Find markers in all frames of a survey. Raises InputError for unusable tables."""
         bars, places = read_known(config)
         look = partial(_sightings, survey.frames, survey.geometry, config.family)
-        observations = {}
-        count = len(survey.frames)
-        for number, own in enumerate(survey.compute.each(look, range(count))):
-            observations[number] = own
-            survey.progress("looking for markers", number + 1, count)
-        twice = doubled(each for own in observations.values() for each in own)
+        found, count = list[list[PlacedSighting]](), len(survey.frames)
+        for own in survey.compute.each(look, range(count)):
+            found.append(own)
+            survey.progress("looking for markers", len(found), count)
+        twice = doubled(chain.from_iterable(found))
         single = {
             frame: [each for each in own if each.number not in twice]
-            for frame, own in observations.items()
+            for frame, own in enumerate(found)
         }
         cells = MarkerDetector(config.family).cells
         return cls(single, config.edge_m, bars, places, cells, tuple(sorted(twice)))
@@ -128,14 +124,8 @@ class Marks:
         self, observations: TrackObservations, frames: set[int]
     ) -> tuple[TrackObservations, list[Known]]:
         """Observations by frame, with those of the markers' corners; and what is known of these."""
-        own = [
-            (frame, each)
-            for frame in sorted(frames & self.observations.keys())
-            for each in self.observations[frame]
-        ]
-        views: dict[int, int] = defaultdict(int)
-        for _, each in own:
-            views[each.number] += 1
+        own = [(frame, each) for frame in sorted(frames) for each in self.observations[frame]]
+        views = Counter(each.number for _, each in own)
         numbers = sorted(number for number, count in views.items() if count >= MARKER.fewest_views)
         start = int(observations.point.max(initial=-1)) + 1
         corners = {

@@ -6,13 +6,11 @@ along a longer track.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
 from stereo_seecolor.mapping.track.image_space import from_plane
+from stereo_seecolor.records import Array
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
-
-Array = NDArray[np.float64]
 
 
 def flattened_relief(

@@ -15,7 +15,8 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
+
 Integers = NDArray[np.int64]
 
 SIDE = 6

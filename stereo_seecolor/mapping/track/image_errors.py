@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibration.geometry import RectifiedPair
@@ -20,9 +19,9 @@ from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Observed, from_plane, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
 from stereo_seecolor.mapping.track.relative_pose import inverse_covariance, pulled
+from stereo_seecolor.records import Array
 from stereo_seecolor.sharpness import EQUALLY_SHARP, LessSharpSide
 
-Array = NDArray[np.float64]
 TERMS = 11
 """The first: the fraction by which relief is flattened. Ten of the lens: a radial term, three
 square ones of the disparity (x x, x y, y y), a second radial term, four cubic ones of the
@@ -136,21 +135,18 @@ def _solve(pairs: "Sequence[_WeighedPair]", values: Array, free: slice) -> tuple
     for _ in range(SETTINGS.rounds):
         H, g = np.diag(prior[free]), -(values * prior)[free]
         normals = [_normal(pair, T, values, free) for pair, T in zip(pairs, poses, strict=True)]
-        before, cost = cost, sum(normal.cost for normal in normals)
+        before, cost = cost, sum(own_cost for *_, own_cost in normals)
         if before - cost < SETTINGS.tolerance * cost:
             break
-        for normal in normals:
-            H += normal.H_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.H_mixed)
-            g += normal.g_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.g_pose)
+        for own, right, _ in normals:
+            pose, mixed = own[:6, :6], own[:6, 6:]
+            H += own[6:, 6:] - mixed.T @ np.linalg.solve(pose, mixed)
+            g += right[6:] - mixed.T @ np.linalg.solve(pose, right[:6])
         step = np.linalg.solve(H, g)
         values[free] += step
-        for number, normal in enumerate(normals):
-            move_by = np.asarray(
-                np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64
-            )
-            poses[number] = poses[number] @ rigid_transform(
-                rotation_from_vector(move_by[:3]), move_by[3:]
-            )
+        for number, (own, right, _) in enumerate(normals):
+            by = np.linalg.solve(own[:6, :6], right[:6] - own[:6, 6:] @ step).astype(np.float64)
+            poses[number] = poses[number] @ rigid_transform(rotation_from_vector(by[:3]), by[3:])
     return values, cost / sum(len(pair.a) for pair in pairs)
 
 
@@ -180,19 +176,8 @@ class _WeighedPair:
         return cls(pair.T_a_b, a.points, b.points, *fields, weight)
 
 
-@dataclass(frozen=True, eq=False)
-class _ImageErrorNormal:
-    """Normal equations of a pair's pose (6) and of the shared values; its robust cost."""
-
-    H_pose: Array
-    H_mixed: Array
-    H_values: Array
-    g_pose: Array
-    g_values: Array
-    cost: float
-
-
-def _normal(pair: _WeighedPair, T: Array, values: Array, free: slice) -> _ImageErrorNormal:
+def _normal(pair: _WeighedPair, T: Array, values: Array, free: slice) -> tuple[Array, Array, float]:
+    """Normal equations of a pair's pose (6) and of the shared values, and its robust cost."""
     moved = move(T, pair.b - pair.field_b @ values)
     pull, squared = pulled(pair.weight, pair.a - pair.field_a @ values - moved.points)
     ratio = squared / POSE.outlier_sigmas**2
@@ -202,9 +187,7 @@ def _normal(pair: _WeighedPair, T: Array, values: Array, free: slice) -> _ImageE
     weighted, both = (robust[:, None, None] * pair.weight) @ slope, slope.shape[2]
     rows = slope.reshape(-1, both).T
     H, g = rows @ weighted.reshape(-1, both), rows @ (robust[:, None] * pull).ravel()
-    return _ImageErrorNormal(
-        H[:6, :6], H[:6, 6:], H[6:, 6:], g[:6], g[6:], float(np.log1p(ratio).sum())
-    )
+    return H, g, float(np.log1p(ratio).sum())
 
 
 def _field(points: Array, geometry: RectifiedPair) -> Array:

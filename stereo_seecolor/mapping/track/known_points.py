@@ -5,9 +5,8 @@ a mean.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class LoopSettings:
     drift_m: float = 0.5  # and so many meters, for short paths
 
 
-LOOP_SETTINGS = LoopSettings()
+SETTINGS = LoopSettings()
 
 
 def by_overlap(points_m: Iterable[tuple[int, NDArray[np.float64]]], window: int) -> Pairs:
@@ -46,17 +46,15 @@ def by_overlap(points_m: Iterable[tuple[int, NDArray[np.float64]]], window: int)
     tree, pairs = cKDTree(centers), set()
     for k, i in enumerate(ranks):
         near = np.array(
-            sorted(
-                tree.query_ball_point(centers[k], LOOP_SETTINGS.overlap * (radii[k] + radii.max()))
-            ),
+            sorted(tree.query_ball_point(centers[k], SETTINGS.overlap * (radii[k] + radii.max()))),
             np.int64,
         )
         distance_m = np.linalg.norm(centers[near] - centers[k], axis=1)
-        chosen = (distance_m < LOOP_SETTINGS.overlap * (radii[near] + radii[k])) & (
+        chosen = (distance_m < SETTINGS.overlap * (radii[near] + radii[k])) & (
             np.abs(ranks[near] - i) > window
         )
         for other in ranks[
-            near[chosen][np.argsort(distance_m[chosen], kind="stable")][: LOOP_SETTINGS.neighbors]
+            near[chosen][np.argsort(distance_m[chosen], kind="stable")][: SETTINGS.neighbors]
         ]:
             pairs.add((int(min(i, other)), int(max(i, other))))
     return sorted(pairs)
@@ -77,7 +75,7 @@ def between_components(components: NDArray[np.int64]) -> Pairs:
     partners = np.arange(len(placed))[::-1] - own  # later frames of other components
     ends = np.cumsum(partners)
     total = int(ends[-1]) if len(ends) else 0
-    step = max(1, -(-total // LOOP_SETTINGS.max_tries))
+    step = max(1, -(-total // SETTINGS.max_tries))
     pairs = []
     for number in range(0, total, step):
         k = int(np.searchsorted(ends, number, side="right"))
@@ -129,7 +127,7 @@ def possible(
         (a, a_m), (b, b_m) = (
             _footprint(transform_points(T_world_camera[k], index.points_m[k])) for k in (i, j)
         )
-        return float(np.linalg.norm(a - b)) < LOOP_SETTINGS.overlap * (a_m + b_m) + _drift_m(
+        return float(np.linalg.norm(a - b)) < SETTINGS.overlap * (a_m + b_m) + _drift_m(
             ends_m[[first, second]]
         )
 
@@ -137,4 +135,4 @@ def possible(
 
 
 def _drift_m(ends_m: NDArray[np.float64]) -> float:
-    return LOOP_SETTINGS.drift_m + LOOP_SETTINGS.drift_fraction * abs(float(ends_m[1] - ends_m[0]))
+    return SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(ends_m[1] - ends_m[0]))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.mapping.control_points import UPSIDE_DOWN, ControlFit, control_fit
@@ -14,9 +13,7 @@ from stereo_seecolor.mapping.track.fiducials import PLACES, SETTINGS, Marks
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.placement_refinement import refined
 from stereo_seecolor.mapping.track.pose_graph import Prior
-from stereo_seecolor.records import GeoOrigin
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, GeoOrigin
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,18 +108,6 @@ def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
     return MarkersFit(found, scale, std, before, {}, refused, doubled=marks.doubled)
 
 
-def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit:
-    """Compute what is left of each disagreement. marks: those that were used, scaled."""
-    T = _main(placement)
-    after = marks.checks(T)
-    return replace(
-        fit,
-        after=after,
-        control=_control(marks, T) if PLACES in after else None,
-        origin=marks.places.origin,
-    )
-
-
 def fit_to_fiducials(
     track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]
 ) -> tuple[Placement, MarkersFit]:
@@ -144,7 +129,9 @@ def fit_to_fiducials(
     elif not priors:
         start = at_places(used, start)
     better = refined(track.scaled(fit.scale), start, priors, used)
-    return better, final_fit(fit, used, better)
+    after = used.checks(_main(better))
+    control = _control(used, _main(better)) if PLACES in after else None
+    return better, replace(fit, after=after, control=control, origin=used.places.origin)
 
 
 def _main(placement: Placement) -> Array:

@@ -6,17 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.mapping.track.sift import Integers
-
-Array = NDArray[np.float64]
-
+from stereo_seecolor.mapping.track.sift import FeatureMatches
+from stereo_seecolor.records import Array
 
 Descriptors = NDArray[np.uint8]
 
 
 def match_near(
     a: Descriptors, expected: Array, b: Descriptors, places: Array, reach: float, ratio: float
-) -> tuple[Integers, Integers]:
+) -> FeatureMatches:
     """Match features as ``match_descriptors`` does, but compare a feature of a (n, 128) only with
     those of b (m, 128) near its expected place.
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse, nearest_rotation, rigid_transform, transform_points
+from stereo_seecolor.compute.sequences import Changed
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping.changed import Changed
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_frames import Unplaced
 from stereo_seecolor.mapping.track import loops as loop_closure
@@ -22,8 +22,7 @@ from stereo_seecolor.mapping.track.image_errors import find_image_errors
 from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge, ExpectedPose, RelativePose
 from stereo_seecolor.mapping.track.track_work import Ends, refit, relate, seen_pair, store_features
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)
@@ -99,14 +98,6 @@ class Track:
             Edge.of(order, *ends, relation, loop) for ends in new if (relation := self.found[ends])
         ]
 
-    def measure_neighbors(self, steps: int, guess: Guess | None) -> None:
-        """Add the edges of frames that lie so many steps apart; guess: as ``measure``."""
-        pairs = [(here - steps, here) for here in range(steps, len(self.features))]
-        what = (
-            "following the track" if steps == 1 else (f"estimating the track, {steps} frames back")
-        )
-        self.edges += self.measure(pairs, what, guess=guess, sure=True)
-
     def take_out_image_errors(self) -> None:
         """Correct all features for errors common to the images, and measure the edges again."""
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
@@ -152,7 +143,9 @@ def follow(survey: Survey) -> Track:
     track = _featured(survey)
     guess: Guess | None = None
     for steps in range(1, SETTINGS.window + 1):
-        track.measure_neighbors(steps, guess)
+        pairs = [(here - steps, here) for here in range(steps, len(track.features))]
+        what = "following the track" if steps == 1 else f"estimating the track, {steps} frames back"
+        track.edges += track.measure(pairs, what, guess=guess, sure=True)
         guess = Guess(*chain(track.edges, survey.index.rank)) if track.edges else None
     track.take_out_image_errors()
     return track
@@ -171,24 +164,20 @@ def _featured(survey: Survey) -> Track:
     return track
 
 
-def solve(
-    track: Track, priors: Sequence[pose_graph.Prior] = (), rounds: int = SETTINGS.loop_rounds
-) -> Placement:
+def solve(track: Track, rounds: int = SETTINGS.loop_rounds) -> Placement:
     """Place the frames by their edges, loops, and a pose graph over all.
 
-    The world is the first placed frame's camera. With priors (navigation, depth, attitude) it is
-    theirs, and components that pictures cannot join keep their place by them. Frames that match no
-    other are named; frames that only match among themselves make a component of their own. rounds:
-    of looking for loops.
-    Raises MappingError if no two frames match; DeviceError for priors without GTSAM.
+    The world is the first placed frame's camera. Frames that match no other are named; frames that
+    only match among themselves make a component of their own. rounds: of looking for loops.
+    Raises MappingError if no two frames match.
     """
     if not track.edges:
         raise MappingError("no two frames overlap: the track cannot be estimated; give --poses")
     index = track.survey.index
     guess = Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
-    if priors or (rounds and pose_graph.available()):
-        guess = _close_loops(track, guess, priors, rounds)
+    if rounds and pose_graph.available():
+        guess = _close_loops(track, guess, rounds)
     elif rounds:
         warnings.append(
             "loops were not closed, because GTSAM is missing: pip install "
@@ -240,18 +229,16 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
     )
 
 
-def _close_loops(
-    track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int
-) -> Guess:
+def _close_loops(track: Track, guess: Guess, rounds: int) -> Guess:
     """Solve; then find loops and solve again, in rounds: overlap is better known after each."""
-    guess = _settle(track, guess, priors)
+    guess = _settle(track, guess)
     for number in range(rounds):
         inside, joins = _sorted_loops(track, guess, _measure_loops(track, guess, number))
         joins = agreeing(joins, guess.T, guess.components)
         track.edges += inside + joins
         if joins:
             guess = Guess(*chain(track.edges, track.survey.index.rank))
-        guess = _settle(track, guess, priors)
+        guess = _settle(track, guess)
     return guess
 
 
@@ -289,7 +276,7 @@ def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
     )
 
 
-def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior]) -> Guess:
+def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior] = ()) -> Guess:
     """Solve each component; drop false loops, split what only they held, and solve again."""
     T, false = _solve(guess, track.edges, priors)
     if not false:

@@ -30,7 +30,7 @@ class RecognitionSettings:
     min_apart: int = 8  # frames on the track: nearer ones look alike anyway
 
 
-RECOGNITION_SETTINGS = RecognitionSettings()
+SETTINGS = RecognitionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +70,14 @@ def by_appearance(features: Sequence[Features], compute: Compute) -> Pairs:
     features: of each frame, in the track's order. Each is compared with some thousands of others,
     however long the dive; memory grows by 2 KB for each.
     """
-    chosen = range(
-        0, len(features), max(1, -(-len(features) // RECOGNITION_SETTINGS.sample_frames))
-    )
+    chosen = range(0, len(features), max(1, -(-len(features) // SETTINGS.sample_frames)))
     sample = _sample([features[i].descriptors for i in chosen])
-    if len(sample) < RECOGNITION_SETTINGS.words:
+    if len(sample) < SETTINGS.words:
         return []
     cv2.setRNGSeed(1)
     _, _, words = cv2.kmeans(
         sample,
-        RECOGNITION_SETTINGS.words,
+        SETTINGS.words,
         None,
         (cv2.TERM_CRITERIA_COUNT, 15, 0.0),
         1,
@@ -89,7 +87,9 @@ def by_appearance(features: Sequence[Features], compute: Compute) -> Pairs:
         compute.each(_reduced(Description(features, words), chosen), range(len(features)))
     )
     seen = [position for position, vector in enumerate(described) if len(vector)]
-    return _nearest(np.stack([described[position] for position in seen]), np.array(seen, np.int64))
+    near = _compared(np.stack([described[position] for position in seen]), np.array(seen, np.int64))
+    pairs = zip(np.repeat(seen, near.shape[1]).tolist(), near.ravel().tolist(), strict=True)
+    return sorted({(min(pair), max(pair)) for pair in pairs if pair[1] >= 0})
 
 
 def _reduced(describe: Description, chosen: Sequence[int]) -> Description:
@@ -99,63 +99,40 @@ def _reduced(describe: Description, chosen: Sequence[int]) -> Description:
     off = known - mean
     # far smaller than the covariance of 4096 numbers
     strengths, mixes = np.linalg.eigh(off @ off.T)
-    axes = (
-        off.T
-        @ mixes[:, ::-1][:, : RECOGNITION_SETTINGS.axes][
-            :, strengths[::-1][: RECOGNITION_SETTINGS.axes] > 0
-        ]
-    )
+    axes = off.T @ mixes[:, ::-1][:, : SETTINGS.axes][:, strengths[::-1][: SETTINGS.axes] > 0]
     axes /= np.maximum(np.linalg.norm(axes, axis=0), 1e-6)
     return Description(describe.features, describe.words, mean, np.ascontiguousarray(axes))
-
-
-def _nearest(vectors: Vectors, ranks: NDArray[np.int64]) -> Pairs:
-    """The few nearest of each that are not its neighbors on the track."""
-    near = _compared(vectors, ranks)
-    pairs = set()
-    for rank, found in zip(ranks.tolist(), near, strict=True):
-        pairs |= {(min(rank, int(other)), max(rank, int(other))) for other in found if other >= 0}
-    return sorted(pairs)
 
 
 def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n, look_alike) ranks of the nearest, -1 for none: each vector against those of the cells
     nearest to it.
     """
-    count = -(-len(vectors) // RECOGNITION_SETTINGS.cell)
+    count = -(-len(vectors) // SETTINGS.cell)
     step = max(1, len(vectors) // (count * 20))
     cv2.setRNGSeed(1)
     _, _, centers = cv2.kmeans(
         vectors[::step], count, None, (cv2.TERM_CRITERIA_COUNT, 10, 0.0), 1, cv2.KMEANS_PP_CENTERS
     )
     order = ((centers**2).sum(1) - 2 * vectors @ centers.T).argsort(axis=1, kind="stable")[
-        :, : RECOGNITION_SETTINGS.cells
+        :, : SETTINGS.cells
     ]
-    wanted = RECOGNITION_SETTINGS.look_alike
+    wanted = SETTINGS.look_alike
     least = np.full((len(vectors), wanted), np.inf, np.float32)
     near = np.full((len(vectors), wanted), -1, np.int64)
     for cell in range(count):
         members = np.flatnonzero(order[:, 0] == cell)
         asking = np.flatnonzero((order == cell).any(axis=1))
-        for part in (
-            np.array_split(asking, -(-len(asking) // RECOGNITION_SETTINGS.cell))
-            if len(members)
-            else ()
-        ):
+        if not len(members):
+            continue
+        for part in np.array_split(asking, -(-len(asking) // SETTINGS.cell)):
             squared = (vectors[members] ** 2).sum(1) - 2 * vectors[part] @ vectors[members].T
-            squared[
-                np.abs(ranks[part][:, None] - ranks[members]) < RECOGNITION_SETTINGS.min_apart
-            ] = np.inf
+            squared[np.abs(ranks[part][:, None] - ranks[members]) < SETTINGS.min_apart] = np.inf
             both = np.concatenate([least[part], squared], axis=1)
             names = np.concatenate(
                 [near[part], np.broadcast_to(ranks[members], squared.shape)], axis=1
             )
-            best = (
-                both.argpartition(wanted - 1, axis=1)[:, :wanted]
-                if both.shape[1] > wanted
-                else np.arange(both.shape[1])[None]
-            )
-            best = np.broadcast_to(best, (len(part), best.shape[1]))
+            best = both.argpartition(wanted - 1, axis=1)[:, :wanted]
             least[part] = np.take_along_axis(both, best, 1)
             near[part] = np.take_along_axis(names, best, 1)
     return np.where(np.isfinite(least), near, -1)
@@ -163,6 +140,6 @@ def _compared(vectors: Vectors, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _sample(descriptors: Sequence[NDArray[np.uint8]]) -> Vectors:
     """As many of each frame's descriptors as make enough."""
-    each = max(1, -(-RECOGNITION_SETTINGS.sample // max(1, len(descriptors))))
+    each = max(1, -(-SETTINGS.sample // max(1, len(descriptors))))
     parts = [found[:: max(1, -(-len(found) // each))] for found in descriptors]
     return np.concatenate(parts).astype(np.float32) if parts else np.zeros((0, 128), np.float32)

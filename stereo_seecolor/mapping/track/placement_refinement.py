@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import inverse
 from stereo_seecolor.compute.process import return_freed
@@ -14,13 +12,11 @@ from stereo_seecolor.mapping.track import pose_graph
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.bundle_problem import BundleProblem
 from stereo_seecolor.mapping.track.fiducials import Marks
-from stereo_seecolor.mapping.track.known_points import Known
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.mapping.track.shared_points import observations
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)
@@ -37,17 +33,7 @@ class RefinementSettings:
     overlap: int = 50
 
 
-REFINEMENT_SETTINGS = RefinementSettings()
-
-
-class _Part(NamedTuple):
-    """A component of a track: frames in the order of time, edges, and what is known."""
-
-    track: Track
-    frames: list[int]
-    edges: list[Edge]
-    priors: list[Prior]
-    marks: Marks | None = None
+SETTINGS = RefinementSettings()
 
 
 def refined(
@@ -66,13 +52,13 @@ def refined(
     for component in range(len(placement.sizes)):
         track.survey.progress("adjusting the track", component, len(placement.sizes))
         frames = sorted(placement.frames_of(component).tolist(), key=lambda frame: int(rank[frame]))
-        part = _part(track, frames, track.edges, priors)._replace(
-            marks=marks if component == 0 else None
-        )
-        if len(frames) > REFINEMENT_SETTINGS.most_frames:
-            T = _by_windows(T, part)
-        elif part.edges:
-            adjusted = _adjusted(T, part)
+        edges = _within(track.edges, frames)
+        known = [prior for prior in priors if placement.components[prior.frame] == component]
+        if len(frames) > SETTINGS.most_frames:
+            T = _by_windows(T, track, frames, edges, known)
+        elif edges:
+            here = marks if component == 0 else None
+            adjusted = _adjusted(T, track, frames, edges, known, here)
             T, std = adjusted.T_world_camera, np.where(np.isfinite(adjusted.std), adjusted.std, std)
     return_freed()
     return replace(
@@ -83,47 +69,49 @@ def refined(
     )
 
 
-def _part(
-    track: Track, frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior]
-) -> _Part:
-    chosen = set(frames)
-    inside = [edge for edge in edges if edge.i in chosen and edge.j in chosen]
-    return _Part(track, list(frames), inside, [prior for prior in priors if prior.frame in chosen])
-
-
-def _adjusted(T: Array, part: _Part) -> Adjusted:
-    relations = [part.track.relation(edge) for edge in part.edges]
-    most = min(
-        REFINEMENT_SETTINGS.most_observations, REFINEMENT_SETTINGS.most_a_frame * len(part.frames)
-    )
-    found = observations(part.track.features, relations, most)
-    found = replace(found, frame=part.track.survey.index.order[found.frame])
-    known: list[Known] = []
-    if part.marks:
-        found, known = part.marks.joined(found, set(part.frames))
-    problem = BundleProblem.of(found, part.priors, known)
+def _adjusted(
+    T: Array,
+    track: Track,
+    frames: Sequence[int],
+    edges: Sequence[Edge],
+    priors: Sequence[Prior] = (),
+    marks: Marks | None = None,
+) -> Adjusted:
+    """Poses (N, 4, 4) of frames, in the order of time, by the edges between them."""
+    most = min(SETTINGS.most_observations, SETTINGS.most_a_frame * len(frames))
+    found = observations(track.features, [track.relation(edge) for edge in edges], most)
+    found = replace(found, frame=track.survey.index.order[found.frame])
+    found, known = marks.joined(found, set(frames)) if marks else (found, [])
+    problem = BundleProblem.of(found, priors, known)
     del found  # the problem holds it, too, in another order
     return_freed()
-    survey = part.track.survey
-    return adjust(T, problem, survey.geometry, survey.index.less_sharp)
+    return adjust(T, problem, track.survey.geometry, track.survey.index.less_sharp)
 
 
-def _by_windows(T: Array, part: _Part) -> Array:
+def _within(edges: Sequence[Edge], frames: Sequence[int]) -> list[Edge]:
+    chosen = set(frames)
+    return [edge for edge in edges if edge.i in chosen and edge.j in chosen]
+
+
+def _by_windows(
+    T: Array,
+    track: Track,
+    frames: Sequence[int],
+    left: list[Edge],
+    priors: Sequence[Prior],
+) -> Array:
     """Poses (N, 4, 4) by a pose graph whose edges are the adjusted ones, each of the first window
-    that holds both of its frames.
+    that holds both of its frames. left: all edges.
     """
-    left, edges = part.edges, []
-    for start in range(
-        0, len(part.frames), REFINEMENT_SETTINGS.window - REFINEMENT_SETTINGS.overlap
-    ):
-        window = _part(
-            part.track, part.frames[start : start + REFINEMENT_SETTINGS.window], part.edges, ()
-        )
-        if not window.edges:
+    every, edges = left, list[Edge]()
+    for start in range(0, len(frames), SETTINGS.window - SETTINGS.overlap):
+        window = frames[start : start + SETTINGS.window]
+        within = _within(every, window)
+        if not within:
             continue
-        better, inside = _adjusted(T, window).T_world_camera, {id(edge) for edge in window.edges}
+        better, inside = _adjusted(T, track, window, within).T_world_camera, set(map(id, within))
         edges += [
             replace(e, T_i_j=inverse(better[e.i]) @ better[e.j]) for e in left if id(e) in inside
         ]
         left = [edge for edge in left if id(edge) not in inside]
-    return pose_graph.solve(T, part.frames, edges + left, part.priors)[0]
+    return pose_graph.solve(T, frames, edges + left, priors)[0]

@@ -12,9 +12,8 @@ from calibration.transforms import inverse, rigid_transform, rotation_from_vecto
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Moved, Observed, inverses, move
 from stereo_seecolor.mapping.track.near_matches import match_near
-from stereo_seecolor.mapping.track.sift import match_descriptors
-
-Array = NDArray[np.float64]
+from stereo_seecolor.mapping.track.sift import FeatureMatches, match_descriptors
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)
@@ -70,11 +69,8 @@ class Edge:
 
     def scaled(self, scale: float) -> "Edge":
         """Scale all lengths by a factor."""
-        return replace(
-            self,
-            T_i_j=scaled_pose(self.T_i_j, scale),
-            covariance=_scaled_covariance(self.covariance, scale),
-        )
+        T, covariance = _scaled(self.T_i_j, self.covariance, scale)
+        return replace(self, T_i_j=T, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +84,8 @@ class RelativePose:
 
     def scaled(self, scale: float) -> "RelativePose":
         """Scale all lengths by a factor."""
-        return replace(
-            self,
-            T_a_b=scaled_pose(self.T_a_b, scale),
-            covariance=_scaled_covariance(self.covariance, scale),
-        )
+        T, covariance = _scaled(self.T_a_b, self.covariance, scale)
+        return replace(self, T_a_b=T, covariance=covariance)
 
 
 class ExpectedPose(NamedTuple):
@@ -104,16 +97,12 @@ class ExpectedPose(NamedTuple):
     sure: bool = False
 
 
-def scaled_pose(T: Array, scale: float) -> Array:
-    """Poses (..., 4, 4) with their shifts scaled by this factor."""
-    result = T.copy()
-    result[..., :3, 3] *= scale
-    return result
-
-
-def _scaled_covariance(covariance: Array, scale: float) -> Array:
+def _scaled(T: Array, covariance: Array, scale: float) -> tuple[Array, Array]:
+    """A pose with its shift, and its covariance, scaled by this factor."""
     by = np.array([1, 1, 1, scale, scale, scale])
-    return np.asarray(covariance * by[:, None] * by)
+    T = T.copy()
+    T[:3, 3] *= scale
+    return T, np.asarray(covariance * by[:, None] * by)
 
 
 def relative_pose(
@@ -134,13 +123,13 @@ def relative_pose(
         matches = match_near(
             a.descriptors, places, b.descriptors, b.points[:, :2], reach, SETTINGS.near_ratio
         )
-        found = _fitted(a, b, *matches, geometry)
+        found = _fitted(a, b, matches, geometry)
         if found or (expected.sure and np.isfinite(places[:, 0]).mean() < SETTINGS.little):
             return found
     matches = match_descriptors(
         a.descriptors.astype(np.float32), b.descriptors.astype(np.float32), SETTINGS.ratio
     )
-    return _fitted(a, b, *matches, geometry)
+    return _fitted(a, b, matches, geometry)
 
 
 def _places(T_a_b: Array, a: Features, geometry: RectifiedPair) -> Array:
@@ -160,14 +149,11 @@ def _places(T_a_b: Array, a: Features, geometry: RectifiedPair) -> Array:
 
 
 def _fitted(
-    a: Features,
-    b: Features,
-    index_a: NDArray[np.int64],
-    index_b: NDArray[np.int64],
-    geometry: RectifiedPair,
+    a: Features, b: Features, matches: FeatureMatches, geometry: RectifiedPair
 ) -> RelativePose | None:
     """By matches, of which many may be wrong."""
-    start = _ransac(a, b, index_a, index_b, geometry)
+    index_a, index_b = matches
+    start = _ransac(a, b, matches, geometry)
     if start is None:
         return None
     T, first = start
@@ -246,13 +232,10 @@ def pulled(weight: Array, residual: Array) -> tuple[Array, Array]:
 
 
 def _ransac(
-    a: Features,
-    b: Features,
-    index_a: NDArray[np.int64],
-    index_b: NDArray[np.int64],
-    geometry: RectifiedPair,
+    a: Features, b: Features, matches: FeatureMatches, geometry: RectifiedPair
 ) -> tuple[Array, NDArray[np.int64]] | None:
     """T_a_b and which of the matches agree with it; None for too few."""
+    index_a, index_b = matches
     if len(index_a) < SETTINGS.min_inliers:
         return None
     pixels = b.points[index_b, :2] * geometry.focal_px

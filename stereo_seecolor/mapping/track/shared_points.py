@@ -32,11 +32,6 @@ class TrackObservations:
     seen: Observed
     near: NDArray[np.float64]
 
-    @property
-    def views(self) -> Integers:
-        """How often each point was seen: (m,)."""
-        return np.bincount(self.point)
-
 
 def observations(
     features: Sequence[Features], relations: Sequence[Relation], most: int

@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.records import Array
+
 CONTRAST = 0.01
 """SIFT's threshold, a quarter of Lowe's 0.04: hazy frames have little contrast."""
 AT_ONCE = 128
 """Descriptors compared with all of the other image: their distances stay in the cache."""
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+FeatureMatches = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Numbers of features of one image, and of those of the other that they match."""
 
 
 def keypoints(
@@ -32,7 +34,7 @@ def keypoints(
 
 def match_descriptors(
     a: NDArray[np.float32], b: NDArray[np.float32], ratio: float
-) -> tuple[Integers, Integers]:
+) -> FeatureMatches:
     """Match descriptors a (n, 128) and b (m, 128): indices of those that are each other's nearest,
     and clearly nearer than the second nearest.
 

@@ -37,7 +37,7 @@ from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_errors,
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.noise import peaks, smoothed
 from stereo_seecolor.mapping.raster.sides import sides_seen
-from stereo_seecolor.mapping.raster.square_metrics import mean_height_range, rdh
+from stereo_seecolor.mapping.raster.square_metrics import mean_height_range
 from stereo_seecolor.mapping.raster.structure import (
     Numbers,
     StructureAtScale,
@@ -95,17 +95,21 @@ def dome(x: Array, y: Array, radius_m: float = 0.15) -> Array:
     return np.sqrt(np.maximum(radius_m**2 - x**2 - y**2, 0))
 
 
+def numbers(heights: Array) -> Numbers:
+    return Numbers(*numbers_of(heights, CELL_M, [np.s_[:, :]])[0], np.nan)
+
+
 def test_a_slope_has_the_dimension_of_a_plane_and_the_rugosity_of_its_tilt() -> None:
     row, column = np.indices((200, 200))
     across = 0.5 / np.sqrt(2) * 0.01 * (row + column)  # rises by 0.5 along the diagonal
-    found = rdh(across, 0.01)
+    found = numbers(across)
     assert found.rugosity_area == pytest.approx(np.sqrt(1 + 0.5**2), abs=1e-9)
     assert found.height_range_m == pytest.approx(across.max() - across.min())
     assert found.fractal_dimension == pytest.approx(2, abs=0.03)
     # by ranges of the heights at cells' centers: 12 of them span 11 cells, a range of sqrt(2) 0.5
     # 11 / 12 of the edge
     assert found.rugosity_hvar == pytest.approx(np.sqrt(1 + 0.5**2), abs=0.03)
-    flat = rdh(np.zeros((64, 64)), 0.01)
+    flat = numbers(np.zeros((64, 64)))
     assert (flat.rugosity_hvar, flat.fractal_dimension, flat.height_range_m) == (1, 2, 0)
     assert flat.rugosity_area == pytest.approx(1)
 
@@ -116,7 +120,7 @@ def test_the_dimension_of_a_fractal_surface_is_found(dimension: float, tolerance
     independent heights.
     """
     heights = fractal(dimension)[:512, :512]
-    assert rdh(heights, 0.01).fractal_dimension == pytest.approx(dimension, abs=tolerance)
+    assert numbers(heights).fractal_dimension == pytest.approx(dimension, abs=tolerance)
 
 
 def fractal(dimension: float) -> NDArray[np.float64]:
@@ -370,7 +374,7 @@ def test_structure_is_that_of_the_ground_and_not_of_its_noise(wave_m: float, tal
     cells = round(scale.scale_m / CELL_M)
     coarse = replace(terrain, height_m=true_m).averaged(cells)
     true = numbers_of(coarse.height_m, scale.scale_m, squares_of(coarse)[1.0]).mean(axis=0)
-    for name, value in zip(Numbers.names(), true, strict=False):
+    for name, value in zip(vars(scale.mean), true, strict=False):
         found, std = getattr(scale.mean, name), getattr(scale.standard_error, name)
         assert abs(found - value) < 2.5 * std, name
         assert std < 0.5 * max(value, 0.05), name

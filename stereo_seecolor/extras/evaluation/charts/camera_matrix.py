@@ -13,13 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
 from stereo_seecolor.extras.evaluation.measures import color_differences
 from stereo_seecolor.files.srgb import decode_srgb
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

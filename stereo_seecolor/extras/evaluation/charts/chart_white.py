@@ -21,9 +21,7 @@ from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType
 from stereo_seecolor.extras.evaluation.charts.targets import Target
 from stereo_seecolor.extras.evaluation.measures import gray_angle_deg
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.records import Image, Map, Water
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Image, Map, Water
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.records import Array
+
 Floats = NDArray[np.float32]
-Array = NDArray[np.float64]
 Levels = NDArray[np.uint16]
 
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from stereo_seecolor.extras.evaluation.charts.flat_patches import FlatPatches
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.extras.evaluation.charts.chart_types import ChartType, FoundChart
 from stereo_seecolor.extras.evaluation.charts.lattices import Lattice, moved, onto_pixels
 from stereo_seecolor.extras.evaluation.charts.sampling import correlations, sampled
-
-Array = NDArray[np.float64]
-
+from stereo_seecolor.records import Array
 
 Floats = NDArray[np.float32]
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 _NOTHING = 1e-9
 """Spread of values that is only rounding."""

@@ -10,7 +10,6 @@ import numpy as np
 from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.extras.evaluation.charts.flat_patches import PATCH_LIMITS as FLAT
 from stereo_seecolor.extras.evaluation.charts.flat_patches import (
-    Array,
     Floats,
     Levels,
     flat_regions,
@@ -19,7 +18,7 @@ from stereo_seecolor.extras.evaluation.charts.flat_patches import (
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.mapping.marker_corners import intersections, line_through
-from stereo_seecolor.records import Image
+from stereo_seecolor.records import Array, Image
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.reef.comparing.color_change import REACH_CELLS, Mask
+from stereo_seecolor.extras.reef.comparing.color_change import REACH_CELLS
 from stereo_seecolor.extras.reef.comparing.difference import SETTINGS as DIFFERENCE
 from stereo_seecolor.extras.reef.comparing.difference import Difference
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Mask
 
 Kind = Literal["growth", "loss", "paler", "darker", "other color"]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from calibration.robust_statistics import TUKEY, biweight
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.mapping.raster.terrain import Terrain
+from stereo_seecolor.records import Mask
 
 Float = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 REACH_CELLS = 8
 """Matching and voxels blend a rim with what lies within so many cells of it."""
 

@@ -12,15 +12,12 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.extras.reef.comparing.registration import Registration
 from stereo_seecolor.mapping.raster.height_errors import stds_beside_holes
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from stereo_seecolor.records import Array, Mask
 
 NORMAL_95 = 1.959964
 """Two-sided 95 % of a normal distribution, in standard deviations."""

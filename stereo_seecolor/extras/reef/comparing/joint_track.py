@@ -9,7 +9,6 @@ track that is found here.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import transform_points
 from stereo_seecolor.compute.interface import Compute
@@ -25,8 +24,6 @@ from stereo_seecolor.mapping.track.placement_refinement import refined
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.posed_run import PosedRun
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from stereo_seecolor.extras.reef.comparing.orthophoto import Orthophoto
 from stereo_seecolor.mapping.raster.terrain import Terrain
 from stereo_seecolor.mapping.track.local_contrast import local_contrast
 from stereo_seecolor.mapping.track.sift import keypoints, match_descriptors
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

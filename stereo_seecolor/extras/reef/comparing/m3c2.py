@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 
 from stereo_seecolor.extras.reef.comparing.difference import NORMAL_95, spread_by
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

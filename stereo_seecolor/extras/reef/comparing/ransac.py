@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.resampling import jackknife
 from calibration.transforms import rigid_alignment, scale_of, similarity_alignment
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

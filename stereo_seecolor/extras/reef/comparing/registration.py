@@ -5,7 +5,6 @@ the evidence is not enough.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import scale_of, transform_points
 from stereo_seecolor.errors import ComparingError
@@ -15,8 +14,7 @@ from stereo_seecolor.extras.reef.comparing.ransac import SimilarityFit, similari
 from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
 from stereo_seecolor.extras.reef.site_surface import Site
 from stereo_seecolor.extras.reef.terrain_of_mesh import grid_of, terrain_of
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

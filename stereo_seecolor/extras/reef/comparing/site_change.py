@@ -15,7 +15,7 @@ from stereo_seecolor.extras.reef.comparing.changed_patches import (
     volume_l,
     with_tails,
 )
-from stereo_seecolor.extras.reef.comparing.color_change import ColorChange, Mask, color_change
+from stereo_seecolor.extras.reef.comparing.color_change import ColorChange, color_change
 from stereo_seecolor.extras.reef.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.extras.reef.comparing.registration import Registration, register
@@ -23,6 +23,7 @@ from stereo_seecolor.extras.reef.site_surface import Site, SiteMesh
 from stereo_seecolor.extras.reef.terrain_of_mesh import terrain_errors, terrain_of
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.terrain import Terrain, TerrainErrors
+from stereo_seecolor.records import Mask
 
 LEAST_OVERLAP_CELLS = 2000
 """Errors are learned from stable ground: of fewer cells they are not known."""

@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from calibration.robust_statistics import TUKEY, biweight, deviation
 from calibration.transforms import rigid_transform, rotation_from_vector, transform_points
 from stereo_seecolor.extras.reef.site_surface import SiteMesh
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.bags.bag import FIX, IMU, PRESSURE, Bag, Entry
 from stereo_seecolor.extras.streams.bags.messages import decode
 from stereo_seecolor.inputs.trajectories.vehicle_track import from_degrees
-from stereo_seecolor.records import GeoOrigin
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, GeoOrigin
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,12 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 from stereo_seecolor.extras.streams.bags.bag import TRANSFORMS, Bag
 from stereo_seecolor.extras.streams.bags.messages import decode
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
 Frames = dict[str, list[tuple[str, Array]]]
 """Frame -> its neighbors, each with (4, 4) from the neighbor's axes to this frame's."""
 

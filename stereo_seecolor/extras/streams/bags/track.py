@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rigid_transform, rotation_from_quaternion
 from stereo_seecolor.config import MountConfig
@@ -21,15 +20,13 @@ from stereo_seecolor.extras.streams.bags.messages import decode, frame_of
 from stereo_seecolor.extras.streams.bags.static_transforms import between, static_frames, xyzw
 from stereo_seecolor.extras.streams.bags.topics import side_topics
 from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotation
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import Array, Trajectory
 
 MOST_POSES = 20_000
 """Of more every second is taken, or fewer: poses are interpolated, and take 0.1 ms each."""
 
 FORWARD_LEFT_UP = np.diag([1.0, -1.0, -1.0])
 """From the vehicle's axes of MountConfig (forward, starboard, down) to those of ROS."""
-
-Array = NDArray[np.float64]
 
 
 def read_track(path: Path, mount: MountConfig) -> Trajectory:

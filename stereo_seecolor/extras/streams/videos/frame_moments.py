@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import counted
 from stereo_seecolor.extras.streams.videos.motion import VideoSignals
+from stereo_seecolor.records import Array
 
 Places = NDArray[np.int64]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from stereo_seecolor.inputs.video_frames import frame_path, size_of_side
 from stereo_seecolor.inputs.video_streams import recorded_at
 from stereo_seecolor.records import Numbers
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import video_pairs_file
+from stereo_seecolor.run_folder.layout import VIDEO_PAIRS, state
 from stereo_seecolor.version import __version__
 
 
@@ -90,7 +90,7 @@ def video_pairing(
     asked = (images.video_step, images.video_skip_blurred, images.video_offset_s)
     key, file = (
         content_key(__version__, videos.key, asked, native.to_bytes(rig) if rig else b""),
-        video_pairs_file(folder.root),
+        state(folder.root, VIDEO_PAIRS),
     )
     choice = _kept(file, key)
     if choice is None:

@@ -16,10 +16,11 @@ from calibration import Rectification, StereoRig
 from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.matches import QUICK, find_matches
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.extras.streams.videos.lags import Array, Lag
+from stereo_seecolor.extras.streams.videos.lags import Lag
 from stereo_seecolor.extras.streams.videos.motion import VideoSignals
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_streams import gray
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)

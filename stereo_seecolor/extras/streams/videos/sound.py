@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.extras.streams.videos.lags import Array, Lag, coarse_lag, straight_lag
+from stereo_seecolor.extras.streams.videos.lags import Lag, coarse_lag, straight_lag
 from stereo_seecolor.inputs.video_streams import SOUND_RATE_HZ
+from stereo_seecolor.records import Array
 
 # of the loudness that gives the first estimate: half a period is far below REACH_S
 ENVELOPE_HZ = 100

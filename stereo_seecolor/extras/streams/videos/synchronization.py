@@ -12,12 +12,13 @@ from calibration import StereoRig
 from calibration.robust_statistics import deviation
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.lags import LIMITS as LAG
-from stereo_seecolor.extras.streams.videos.lags import Array, Lag, coarse_lag, fine_lag
+from stereo_seecolor.extras.streams.videos.lags import Lag, coarse_lag, fine_lag
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.row_lag import Pairs, row_lag
 from stereo_seecolor.extras.streams.videos.sound import sound_lag
 from stereo_seecolor.extras.streams.videos.time_code import time_code_lag
 from stereo_seecolor.inputs.video_streams import sound
+from stereo_seecolor.records import Array
 
 
 @dataclass(frozen=True)
