@@ -127,8 +127,8 @@ def fit_clear(
     Where an error over the rows is not clear, leaving it free would take a part of an offset.
     """
     disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
-    uneven = fit_motions(couples, geometry, OFFSET, FOCAL, ROWS, COLUMNS)
-    free = [OFFSET, FOCAL]
+    every, free = (OFFSET, FOCAL, ROWS, COLUMNS), [OFFSET, FOCAL]
+    uneven = _without_noise(fit_motions(couples, geometry, *every), couples, geometry, every)
     for value in (ROWS, COLUMNS):
         std_px = float(np.hypot(uneven.std[value], LIMITS.lens_rad * geometry.focal_px / 2))
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)

@@ -117,6 +117,32 @@ def test_noise_of_disparities_is_no_offset(alike: float) -> None:
     assert not any(one.is_found for one in found)
 
 
+@pytest.mark.parametrize("noise_px", [0.4, 0.6])
+def test_noise_over_a_flat_bottom_is_no_error_over_the_rows(noise_px: float) -> None:
+    """Cameras that look ahead over sand of 6 cm relief: noise of disparities, the most of it the
+    same at both moments, looks like errors of several pixels over the rows.
+    """
+    found = [motion_of(flat_dive(seed, noise_px), GEOMETRY) for seed in range(10)]
+    assert not any(one.is_found for one in found)
+
+
+def flat_dive(seed: int, noise_px: float) -> list[SeenTwice]:
+    rng, seen = np.random.default_rng(seed), []
+    for _ in range(4):
+        slopes = np.column_stack([rng.uniform(-0.5, 0.5, (60, 2)), np.ones(60)])
+        depth_m = (2.6 + rng.normal(0, 0.06, 60)) / (1 - 0.36 * slopes[:, 1])
+        before = slopes * depth_m[:, None]
+        R = cv2.Rodrigues(rng.normal(0, 0.03, 3))[0]
+        after = before @ R.T + [0, 0.45, 0] + rng.normal(0, 0.03, 3)
+        both = rng.normal(0, 0.9 * noise_px, (60, 1)) * [0, 0, 1]
+        sides = []
+        for x, y, z in (before.T, after.T):
+            true = np.column_stack([x / z, y / z, GEOMETRY.baseline_m / z]) * GEOMETRY.focal_px
+            sides.append(true + both + rng.normal(0, [0.1, 0.1, 0.44 * noise_px], true.shape))
+        seen.append(SeenTwice(*sides))
+    return seen
+
+
 def test_offsets_that_scatter_change_at_no_moment() -> None:
     couples = [dive(offset_px)[k] for k, offset_px in enumerate((3.0, -3.0, 3.0, 0.0))]
     assert not changes_in_time(couples, GEOMETRY)
