@@ -246,7 +246,8 @@ def poses_at(
     times: NDArray[np.float64], poses: NDArray[np.float64], wanted_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Interpolate poses (N, 4, 4) at ascending times to other times (M,), with constant velocities;
-    NaN in gaps of over FARTHEST_POSE_S, and before the first and after the last pose.
+    NaN in gaps of over FARTHEST_POSE_S, and before the first and after the last pose, farther from
+    a pose than END_TOLERANCE_S.
     """
     T = np.full((len(wanted_s), 4, 4), np.nan)
     if not len(times):
@@ -256,7 +257,13 @@ def poses_at(
     before = np.maximum(after - 1, 0)
     exact = times[after] == near
     before[exact] = after[exact]
+    for one in (before, after):  # beside a pose at the end of a gap
+        ends = (times[after] - times[before] > FARTHEST_POSE_S) & (
+            np.abs(times[one] - near) <= END_TOLERANCE_S
+        )
+        before[ends] = after[ends] = one[ends]
     gap_s = times[after] - times[before]
+    near = np.clip(near, times[before], times[after])
     known = (np.abs(near - wanted_s) <= END_TOLERANCE_S) & (gap_s <= FARTHEST_POSE_S)
     if not known.any():
         return T
