@@ -285,8 +285,7 @@ def _settled(
         if complete:
             notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
     by_number = complete and not matching.pairs and config.pairing != "timestamp"
-    if by_number:
-        notes = _settle_by_number(matching)
+    by_counter = _settle_by_number(matching) if by_number else ()
     if matching.ambiguous:
         raise InputError(f"{where}: {matching.ambiguous}")
     if not matching.pairs:
@@ -307,12 +306,13 @@ def _settled(
             f"{where}: no left image matches a right one by name or time stamp{example}{apart}: "
             "give both files the same name, or set input.timestamp_tolerance_s"
         )
-    if not notes and config.pairing != "name":
+    if not (notes or by_counter) and config.pairing != "name":
         matching.say_how_far(config.timestamp_tolerance_s)
     pairing = _pairing(
         matching, "no right image matches", "no left image matches", in_order=by_number
     )
-    return pairing.with_notes(notes)
+    by_times = () if notes else _apart_notes(pairing.pairs, config.timestamp_tolerance_s)
+    return pairing.with_notes((*notes, *by_counter, *by_times))
 
 
 def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...]:
@@ -440,13 +440,29 @@ def with_unique_names(
 
 
 def _drift_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
+    return drift_notes(_offsets_s(pairs))
+
+
+def _apart_notes(pairs: Sequence[Pair], tolerance_s: float) -> tuple[str, ...]:
+    """A note where times in the names contradict the pairs."""
+    offsets_s = _offsets_s(pairs)
+    apart_s = float(np.median(offsets_s)) if offsets_s else 0.0
+    if abs(apart_s) <= tolerance_s:
+        return ()
+    return (
+        f"the times in the names of both files of a pair lie {abs(apart_s):.3f} s apart (median): "
+        "they were paired by the rest of their names; to pair them by time, set "
+        "input.pairing=timestamp",
+    )
+
+
+def _offsets_s(pairs: Sequence[Pair]) -> Sequence[float]:
+    """What the right clock is ahead, of the pairs whose names hold both times."""
     times = (
         (pair.timestamp_s, timestamp_from_name(pair.right.stem))
         for pair in pairs
         if pair.timestamp_s is not None
     )
-    return drift_notes(
-        array(
-            "d", (right - left for left, right in times if left is not None and right is not None)
-        )
+    return array(
+        "d", (right - left for left, right in times if left is not None and right is not None)
     )

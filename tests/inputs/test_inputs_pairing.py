@@ -203,6 +203,17 @@ def test_a_right_image_goes_to_the_left_one_that_is_nearest(tmp_path: Path) -> N
     assert [left for _, left, _ in found] == [lefts[1]]
 
 
+def test_times_that_contradict_pairs_by_name_are_reported(tmp_path: Path) -> None:
+    """What all names of a side end with is no part of them."""
+    lefts, rights = (
+        [f"{1_790_000_000 + i}.{late_us:06d}.png" for i in range(5)] for late_us in (0, 400_000)
+    )
+    pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig())
+    assert len(pairing.pairs) == 5
+    note = pairing.notes[-1]
+    assert "lie 0.400 s apart (median): they were paired by the rest" in note
+
+
 def test_clocks_that_drift_are_reported(tmp_path: Path) -> None:
     lefts = [f"10000000{i:02d}.000000.png" for i in range(12)]
     rights = [f"10000000{i:02d}.{i * 700:06d}.png" for i in range(12)]
