@@ -18,9 +18,7 @@ from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, RANGES, DiveVerdict
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.records import Image
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Image
 
 
 @dataclass(frozen=True)
