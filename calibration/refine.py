@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.movement_prior import Weighed
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refinement import Movement, Refinement
@@ -28,8 +28,6 @@ from calibration.verification.conventions import settle_matches
 from calibration.verification.matches import Matches, rectified_matches
 from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import row_inliers
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.refraction import CameraInWater
 from calibration.rig import MAX_IMAGE_SIDE_PX, Camera, quarter_turns_of
-
-Array = NDArray[np.float64]
-
 
 AnyCamera = Camera | CameraInWater
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from calibration.boards.bundle import Lens
 from calibration.boards.changes import Change
 from calibration.boards.target_shape import TargetShape
+from calibration.geometry import Array
 from calibration.rig import StereoRig
 from calibration.suspicions import placement_suspicions
 
-Array = NDArray[np.float64]
 Verdict = Literal["good", "usable", "do it again"]
 GRID = (8, 6)  # cells of the image in which corners are counted
 MIN_CORNERS_IN_CELL = 3  # a cell with fewer is not covered

@@ -5,14 +5,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
-from calibration.geometry import camera_matrix
+from calibration.geometry import Array, camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
 from calibration.transforms import inverse, rigid_transform
 
@@ -58,7 +57,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
         return rigs[0].with_alternatives(rigs[1:])
 
 
-def _pose(transform: Section) -> NDArray[np.float64]:
+def _pose(transform: Section) -> Array:
     turn, place = transform.section("rotation"), transform.section("translation")
     R = cv2.Rodrigues(np.array([turn.number(key) for key in ("rx", "ry", "rz")]))[0]
     return rigid_transform(R, np.array([place.number(key) for key in "xyz"]))

@@ -8,13 +8,12 @@ open: the rig carries both, and images decide.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix
+from calibration.geometry import Array, camera_matrix
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import rigid_transform
 
@@ -66,7 +65,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     return rigs[0].with_alternatives(rigs[1:])
 
 
-def _senses(R: NDArray[np.float64]) -> tuple[tuple[NDArray[np.float64], str], ...]:
+def _senses(R: Array) -> tuple[tuple[Array, str], ...]:
     return (R, "the rotation takes left to right axes"), (
         R.T,
         "the rotation takes right to left axes",

@@ -14,16 +14,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 from calibration.formats.cameras import five_coefficients, make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
+from calibration.geometry import Array
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import rigid_transform
 
-Array = NDArray[np.float64]
 Size = tuple[int, int]
 # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 SAME_ROTATION = 1e-6

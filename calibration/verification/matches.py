@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry import Array
 from calibration.gray import to_gray
 from calibration.rectification import Rectification, raw_points, rectified_points
 from calibration.rig import StereoRig
 from calibration.verification.alignment import align
 from calibration.verification.row_fits import explain
 
-Array = NDArray[np.float64]
 Images = tuple[NDArray[np.generic], NDArray[np.generic]]
 SIFT_BYTES_A_PIXEL = 250
 UNLIKE = 400.0**2

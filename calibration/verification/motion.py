@@ -16,10 +16,9 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.rectification import Rectification
 from calibration.resampling import jackknife
 from calibration.verification.matches import (
@@ -47,9 +46,6 @@ from calibration.verification.rigid_motion import (
     disparity_noise_px,
     fit_motions,
 )
-
-Array = NDArray[np.float64]
-
 
 FEATURES = replace(QUICK, max_features=1000)
 NOISE_DRAWS = 2

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.resampling import jackknife
 from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.row_fits import explain
 
-Array = NDArray[np.float64]
 POSE = 6
 """A turn (rad) and a shift (baselines) of each couple; then come the shared values."""
 SHARED = 6

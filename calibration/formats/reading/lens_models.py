@@ -11,13 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
+from calibration.geometry import Array
 from calibration.rig import Camera, CameraModel
 
-Array = NDArray[np.float64]
 Plane = Callable[[Array], Array]
 Size = tuple[int, int]
 
