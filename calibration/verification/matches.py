@@ -181,19 +181,8 @@ def raw_matches(
 ) -> list[Matches]:
     """Find matched points of both raw images of each pair, by matching the rectified ones."""
     rectification = Rectification.from_rig(rig)
-    return [raw_match(rectification, rig, left, right, limits) for left, right in pairs]
-
-
-def raw_match(
-    rectification: Rectification,
-    rig: StereoRig,
-    left: NDArray[np.generic],
-    right: NDArray[np.generic],
-    limits: MatchLimits = MATCH_LIMITS,
-) -> Matches:
-    """Find matched points of both raw images of a pair. rectification: of the rig."""
-    found = find_matches(rectification, left, right, limits)
-    return Matches(*raw_points(rig, found.left, found.right))
+    found = (find_matches(rectification, left, right, limits) for left, right in pairs)
+    return [Matches(*raw_points(rig, one.left, one.right)) for one in found]
 
 
 def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:

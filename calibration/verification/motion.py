@@ -22,7 +22,6 @@ from calibration.geometry import Array, RectifiedPair
 from calibration.rectification import Rectification
 from calibration.resampling import jackknife
 from calibration.verification.matches import (
-    MATCH_LIMITS,
     QUICK,
     Images,
     Matches,
@@ -52,13 +51,6 @@ NOISE_DRAWS = 2
 """Draws of noise: the scatter of their mean is a fifth of what noise does."""
 
 
-def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
-    """As ``find_couples`` makes a couple, of all features that there are. pairs: the first, and
-    those that follow it.
-    """
-    return _couple(rectification, pairs, MATCH_LIMITS)
-
-
 def find_motion(couples: Iterable[SeenTwice], geometry: RectifiedPair) -> Motion:
     """``motion_of`` couples that are found while they are asked for: no more are, once the least
     number of them shows that ranges are right.
@@ -82,7 +74,7 @@ def find_couples(
     The first of those that has moved far enough makes the couple.
     """
     for pairs in starts:
-        if couple := _couple(rectification, pairs):
+        if couple := couple_of(rectification, pairs):
             yield couple
 
 
@@ -261,7 +253,7 @@ def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float
     return float(np.median(found_px)) if 2 * clear.sum() > len(own) else 0.0
 
 
-def _couple(
+def couple_of(
     rectification: Rectification, pairs: Iterable[Images], features: MatchLimits = FEATURES
 ) -> SeenTwice | None:
     """The points that the first pair and the first one that has moved far enough show; None also
