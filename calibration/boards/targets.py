@@ -156,28 +156,24 @@ def _of_kalibr(file: Section) -> Target:
     space as a fraction of a tag.
     """
     kind, text = file.text(file.first("target_type")), file.where
+
+    def count(key: str, least: int = 3) -> int:
+        return _count(str(file.number(key)).removesuffix(".0"), text, least)
+
     if kind == "aprilgrid":
-        counts = [
-            _count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text, 1)
-            for key in ("tagCols", "tagRows")
-        ]
+        columns, rows = count("tagCols", 1), count("tagRows", 1)
         tag_m = _length_m(f"{file.number('tagSize')}m", text)
-        first_id = int(file.number("codeOffset")) if file.has("codeOffset") else 0
-        return _april_grid(
-            counts[0], counts[1], tag_m, file.number("tagSpacing") * tag_m, first_id, text
-        )
+        first_id = int(file.number("codeOffset", 0.0))
+        return _april_grid(columns, rows, tag_m, file.number("tagSpacing") * tag_m, first_id, text)
     if kind == "checkerboard":
-        counts = [
-            _count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text)
-            for key in ("targetCols", "targetRows")
-        ]
+        columns, rows = count("targetCols"), count("targetRows")
         across_m, down_m = (file.number(key) for key in ("colSpacingMeters", "rowSpacingMeters"))
         if abs(across_m - down_m) > 1e-6:
             raise CalibrationError(
                 f"target {text!r}: its squares are not square: {across_m:g} m across, {down_m:g} "
                 "m down"
             )
-        return Chessboard(counts[0], counts[1], _length_m(f"{across_m}m", text))
+        return Chessboard(columns, rows, _length_m(f"{across_m}m", text))
     raise CalibrationError(
         f"target {text!r}: Kalibr's aprilgrid and checkerboard targets are supported, not {kind!r}"
     )

@@ -4,7 +4,6 @@ Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the nearest
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -56,16 +55,12 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
 
 
 def _two(section: Section, key: str) -> list[Section]:
-    entries: Any = section.content[key]
-    if (
-        not isinstance(entries, list)
-        or len(entries) != 2
-        or not all(isinstance(entry, dict) for entry in entries)
-    ):
+    entries = section.listed(key)
+    if len(entries) != 2:
         raise CalibrationError(
             f"{section.where}: {key}: expected two cameras: keep those of the stereo pair"
         )
-    return [Section(f"{section.where}: {key}: {i}", entry) for i, entry in enumerate(entries)]
+    return entries
 
 
 def _camera(section: Section, size: tuple[int, int]) -> Camera:

@@ -36,12 +36,11 @@ def matches(document: Section) -> bool:
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig. Raises CalibrationError for other than two cameras, or an unknown lens model."""
     whole = document.section("Calibration") if document.has("Calibration") else document
-    cameras = whole.content["cameras"]
-    if len(cameras) != 2 or not all(isinstance(camera, Mapping) for camera in cameras):
+    sections = whole.listed("cameras")
+    if len(sections) != 2:
         raise CalibrationError(
-            f"{whole.where}: holds {len(cameras)} cameras: export only the stereo pair"
+            f"{whole.where}: holds {len(sections)} cameras: export only the stereo pair"
         )
-    sections = [Section(f"{whole.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
     left, right = map(_camera, sections)
     poses = [_pose(section.section("transform")) for section in sections]
     T = poses[1] @ inverse(poses[0])
