@@ -65,19 +65,6 @@ def find_motion(couples: Iterable[SeenTwice], geometry: RectifiedPair) -> Motion
     return motion_of(found, geometry)
 
 
-def find_couples(
-    rectification: Rectification, starts: Iterable[Iterable[Images]]
-) -> Iterator[SeenTwice]:
-    """Points that are seen twice. starts: for each couple its first raw pair of images and pairs
-    that follow it, nearest first.
-
-    The first of those that has moved far enough makes the couple.
-    """
-    for pairs in starts:
-        if couple := couple_of(rectification, pairs):
-            yield couple
-
-
 def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bool:
     """Tell whether the couples before and after some moment want offsets that differ, and none
     stands out from those on its side: an offset of them all then describes neither.
@@ -256,8 +243,8 @@ def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float
 def couple_of(
     rectification: Rectification, pairs: Iterable[Images], features: MatchLimits = FEATURES
 ) -> SeenTwice | None:
-    """The points that the first pair and the first one that has moved far enough show; None also
-    for images of another size.
+    """The points that the first raw pair of images and the first of those that follow it, nearest
+    first, that has moved far enough show; None also for images of another size.
     """
     with suppress(CalibrationError):
         return _moved(rectification, iter(pairs), features)
