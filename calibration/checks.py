@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, counted
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.rectification import Rectification, plan_rectification, raw_points
 from calibration.rig import StereoRig
 from calibration.robust_statistics import deviation_about_zero
@@ -17,7 +17,6 @@ from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import explain, row_inliers
 from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES, RowCheck
 
-Array = NDArray[np.float64]
 __all__ = ["RowCheck", "judge_matches", "rows_off_px", "vertical_disparity"]
 
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibration.geometry import Array
 
 
 @dataclass(frozen=True)

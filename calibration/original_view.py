@@ -14,15 +14,10 @@ from calibration.rig import StereoRig
 Map = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class SurfaceLimits:
-    """Decides where neighboring ranges are of one surface."""
-
-    # standard deviation of the four ranges around a point: slopes of 80 degrees have 0.006
-    relative_spread: float = 0.01
-
-
-LIMITS = SurfaceLimits()
+ONE_SURFACE = 0.01
+"""Relative standard deviation of the four ranges around a point, up to which they are of one
+surface: slopes of 80 degrees have 0.006.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +62,7 @@ class OriginalView:
         mean = self._remap(range_m, cv2.INTER_LINEAR, np.nan)
         variance = self._remap(range_m**2, cv2.INTER_LINEAR, np.nan) - mean**2
         with np.errstate(invalid="ignore"):
-            return np.where(variance < (LIMITS.relative_spread * mean) ** 2, mean, nearest).astype(
-                np.float32
-            )
+            return np.where(variance < (ONE_SURFACE * mean) ** 2, mean, nearest).astype(np.float32)
 
     def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Resample a mask to the raw pixels: (H, W), False outside of the rectified image."""

@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.rectification import plan_rectification, rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.rig import StereoRig
-
-Array = NDArray[np.float64]
-
 
 GRID = (17, 13)  # points over the image, columns and rows: errors of a port are smooth
 

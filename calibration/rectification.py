@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.resizing import wrong_size
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of, roll
 from calibration.transforms import rigid_transform
 from calibration.views import common_view, whole_view
 
-Array = NDArray[np.float64]
 DIAGONAL_DEG = 10.0
 """Turned by more than this, an image without empty corners would lose a third of a 4:3 view (1 /
 1.216 of each side at 10 degrees), so the whole view is kept instead.

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.movement_prior import Weighed
 from calibration.rectification import plan_rectification, rectified_points, upright_rotations
 from calibration.refinement import Movement, Refinement
@@ -29,29 +29,18 @@ from calibration.verification.matches import Matches, rectified_matches
 from calibration.verification.rigid_motion import SeenTwice
 from calibration.verification.row_fits import row_inliers
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RefineLimits:
-    """Decides what is estimated, and when that is refused."""
-
-    # a pair left out must leave two, or errors of one pair (a swell between two shutters) pass for
-    # the rig's
-    min_pairs: int = 3
-    # of a pair: fewer do not reach the corners of the image, where roll and scale show
-    min_matches: int = 30
-    # of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
-    max_matches: int = 400
-    folds: int = 10  # parts left out in turn, as in calibrate
-    # columns of the image, and rows of each, that are left out in turn: what a lens model has wrong
-    # is the same in all pairs
-    places: int = 3
-    # where the loss turns from squares to absolute values: matches are good to 0.1 px
-    noise_px: float = 0.15
-
-
-LIMITS = RefineLimits()
+# a pair left out must leave two, or errors of one pair (a swell between two shutters) pass for the
+# rig's
+MIN_PAIRS = 3
+# of a pair: fewer do not reach the corners of the image, where roll and scale show
+MIN_MATCHES = 30
+# of a pair, spread evenly: more cost time, and a pair's errors are alike anyway
+MAX_MATCHES = 400
+FOLDS = 10  # parts left out in turn, as in calibrate
+# columns of the image, and rows of each, that are left out in turn: what a lens model has wrong is
+# the same in all pairs
+PLACES = 3
+NOISE_PX = 0.15  # where the loss turns from squares to absolute values: matches are good to 0.1 px
 PARAMETERS = ("pitch", "roll", "scale", "yaw")
 """Angles in radians; scale: logarithm of the right focal length over its calibrated one."""
 SCALE_STEP = 1e-3  # of the derivative of rays by the scale
@@ -78,11 +67,11 @@ def refine_matches(
     """
     rig = settle_matches(rig, raw)
     kept = [_usable(rig, matches) for matches in raw]
-    kept = [matches for matches in kept if len(matches.left) >= LIMITS.min_matches]
-    if len(kept) < LIMITS.min_pairs:
+    kept = [matches for matches in kept if len(matches.left) >= MIN_MATCHES]
+    if len(kept) < MIN_PAIRS:
         raise CalibrationError(
-            f"{len(kept)} of {len(raw)} pairs show at least {LIMITS.min_matches} points in both "
-            f"images, and {LIMITS.min_pairs} are "
+            f"{len(kept)} of {len(raw)} pairs show at least {MIN_MATCHES} points in both "
+            f"images, and {MIN_PAIRS} are "
             "needed to refine a calibration: give more pairs with texture"
         )
     check = judge_matches(rig, rectified_matches(rig, kept), couples)
@@ -147,7 +136,7 @@ class _Fit:
     @classmethod
     def of(cls, rig: StereoRig, pairs: list[Matches]) -> "_Fit":
         values = _solve(rig, pairs)
-        number = np.arange(len(pairs)) % LIMITS.folds
+        number = np.arange(len(pairs)) % FOLDS
         without = [
             _solve(
                 rig, [pair for pair, fold in zip(pairs, number, strict=True) if fold != k], values
@@ -174,8 +163,8 @@ def _without_places(pairs: list[Matches]) -> Iterator[list[Matches]]:
     """The pairs without the matches of one part of the image, for each part in turn."""
     pixels = np.concatenate([pair.left for pair in pairs])
     ends = np.cumsum([len(pair.left) for pair in pairs])[:-1]
-    for column in np.array_split(np.argsort(pixels[:, 0]), LIMITS.places):
-        for place in np.array_split(column[np.argsort(pixels[column, 1])], LIMITS.places):
+    for column in np.array_split(np.argsort(pixels[:, 0]), PLACES):
+        for place in np.array_split(column[np.argsort(pixels[column, 1])], PLACES):
             kept = np.ones(len(pixels), np.bool_)
             kept[place] = False
             yield [
@@ -188,16 +177,14 @@ def _squares(left_out: list[Array]) -> Array:
     """(pairs,) mean loss over each pair, that of the fit, by which a mismatch counts little; it
     tells a keystone in the corners as a median does not.
     """
-    return np.array(
-        [2 * (np.sqrt(1 + (rows / LIMITS.noise_px) ** 2) - 1).mean() for rows in left_out]
-    )
+    return np.array([2 * (np.sqrt(1 + (rows / NOISE_PX) ** 2) - 1).mean() for rows in left_out])
 
 
 def _solve(rig: StereoRig, pairs: list[Matches], start: Array | None = None) -> Array:
     """(4,) values of least vertical disparity."""
     first = np.zeros(len(PARAMETERS)) if start is None else start
     found = least_squares(
-        _disparity_of(rig, pairs), first, x_scale=1e-3, loss="soft_l1", f_scale=LIMITS.noise_px
+        _disparity_of(rig, pairs), first, x_scale=1e-3, loss="soft_l1", f_scale=NOISE_PX
     )
     return np.asarray(found.x)
 
@@ -245,8 +232,8 @@ def _row_difference(T_right_left: Array, rays_left: Array, rays_right: Array) ->
 def _usable(rig: StereoRig, raw: Matches) -> Matches:
     """Matches whose rows differ as their neighbors' do, at most so many as count."""
     left, right = rectified_points(rig, raw.left, raw.right)
-    if len(left) < LIMITS.min_matches:
+    if len(left) < MIN_MATCHES:
         return raw
     kept = np.flatnonzero(row_inliers(left, right, plan_rectification(rig).matching_pair))
-    kept = kept[:: -(-len(kept) // LIMITS.max_matches) or 1]
+    kept = kept[:: -(-len(kept) // MAX_MATCHES) or 1]
     return Matches(raw.left[kept], raw.right[kept])

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.geometry import Array
 from calibration.port import FlatPort, FlatWindow
 from calibration.rig import Camera, StereoRig
 
-Array = NDArray[np.float64]
 NEWTON_STEPS = 30  # a bound: convergence is quadratic
 TOLERANCE_M = 1e-9  # of a point on the glass: 1e-6 px
 

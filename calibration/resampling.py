@@ -1,9 +1,8 @@
 """Standard errors and model choice from fits that leave out parts of the data."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibration.geometry import Array
 
 NEGLIGIBLE = 0.05  # of a squared error: 2.5 % of an error
 TINY = 1e-12  # px^2: data without noise have no error to compare

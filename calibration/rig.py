@@ -7,9 +7,9 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.port import FlatPort, Port
 from calibration.refinement import Refinement
 from calibration.rig_errors import RigErrors
@@ -45,8 +45,8 @@ class Camera:
         CalibrationError: If a number is not finite, or a shape is wrong.
     """
 
-    K: NDArray[np.float64]
-    distortion: NDArray[np.float64]
+    K: Array
+    distortion: Array
     image_size: tuple[int, int]
     model: CameraModel = "pinhole"
 
@@ -101,7 +101,7 @@ class Camera:
         """K[0, 1], which OpenCV ignores."""
         return float(self.K[0, 1])
 
-    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def project(self, points: Array) -> Array:
         """Project points to pixels; only for points in front of the camera.
 
         Args:
@@ -122,7 +122,7 @@ class Camera:
             pixels[:, 0] += self._sheared_px(pixels)
         return pixels
 
-    def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rays(self, pixels: Array) -> Array:
         """Compute the directions of pixels.
 
         Args:
@@ -152,7 +152,7 @@ class Camera:
         directions[missed] = np.nan
         return directions
 
-    def _sheared_px(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _sheared_px(self, pixels: Array) -> Array:
         return np.asarray((pixels[:, 1] - self.K[1, 2]) * (self.skew / self.K[1, 1]))
 
 
@@ -188,7 +188,7 @@ class StereoRig:
 
     left: Camera
     right: Camera
-    T_right_left: NDArray[np.float64]
+    T_right_left: Array
     medium: Medium = "water"
     rms_px: float | None = None
     port: Port | None = None
@@ -226,7 +226,7 @@ class StereoRig:
         return replace(self, alternatives=tuple(others))
 
     @property
-    def R(self) -> NDArray[np.float64]:
+    def R(self) -> Array:
         """Rotation (3, 3) from left to right camera axes."""
         return self.T_right_left[:3, :3]
 
@@ -277,7 +277,7 @@ def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
     return rig.alternatives[0] if monochrome else replace(rig, alternatives=())
 
 
-def _check_rotation(R: NDArray[np.float64]) -> None:
+def _check_rotation(R: Array) -> None:
     error = float(np.abs(R @ R.T - np.eye(3)).max()) if np.abs(R).max() < 2 else np.inf
     if not error <= ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
         raise CalibrationError(
@@ -295,7 +295,7 @@ def _unit_guess(baseline: float) -> str:
     return f"millimeters it is {baseline / 1000:g} m"
 
 
-def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) -> None:
+def _check_baseline(translation_m: Array, R: Array) -> None:
     baseline_m = float(np.linalg.norm(np.clip(translation_m, -1e9, 1e9)))
     if baseline_m < 1e-9:
         raise CalibrationError(
@@ -322,7 +322,6 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
         )
 
 
-Array = NDArray[np.float64]
 _COSINES = (1.0, 0.0, -1.0, 0.0)
 
 

@@ -1,9 +1,8 @@
 """Robust statistics: standard deviations by medians, and weights of residuals."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibration.geometry import Array
 
 ROBUST_DEVIATION = 1.4826
 """Standard deviation over median absolute deviation of a Gaussian."""

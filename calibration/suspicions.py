@@ -1,7 +1,5 @@
 """Warnings about a rig that is usable but looks wrong, found in its numbers alone."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -10,24 +8,16 @@ from calibration.rectification import DIAGONAL_DEG, plan_rectification, rectifie
 from calibration.rig import Camera, StereoRig, quarter_turn, quarter_turns_of
 from calibration.transforms import inverse, is_backward
 
-
-@dataclass(frozen=True)
-class SuspicionLimits:
-    """Decides what is unusual in a rig, though possible."""
-
-    # of the image: no lens is mounted that far off; K of half the resolution gives 0.25
-    center_offset: float = 0.2
-    # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
-    aspect: float = 0.05
-    focal_of_width: tuple[float, float] = (0.2, 10.0)  # 136 degrees across, and 6
-    focal_ratio: tuple[float, float] = (0.8, 1.25)  # left to right: pairs are made of equal lenses
-    angle_deg: float = 30.0  # between the cameras, quarter turns apart: pairs look the same way
-    kept_pinhole: float = 0.4  # of the view after rectification
-    kept_fisheye: float = 0.1  # a flat image shows the middle of a fisheye alone
-    rms_px: float = 1.0  # a calibration is good to 0.3 px
-
-
-LIMITS = SuspicionLimits()
+# what is unusual in a rig, though possible
+# of the image: no lens is mounted that far off; K of half the resolution gives 0.25
+CENTER_OFFSET = 0.2
+ASPECT = 0.05  # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
+FOCAL_OF_WIDTH = (0.2, 10.0)  # 136 degrees across, and 6
+FOCAL_RATIO = (0.8, 1.25)  # left to right: pairs are made of equal lenses
+ANGLE_DEG = 30.0  # between the cameras, quarter turns apart: pairs look the same way
+KEPT_PINHOLE = 0.4  # of the view after rectification
+KEPT_FISHEYE = 0.1  # a flat image shows the middle of a fisheye alone
+RMS_PX = 1.0  # a calibration is good to 0.3 px
 
 
 def suspicions(rig: StereoRig) -> tuple[str, ...]:
@@ -44,7 +34,7 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
         for text in _camera_suspicions(side, camera)
     ]
     focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
-    if not LIMITS.focal_ratio[0] < focal_ratio < LIMITS.focal_ratio[1]:
+    if not FOCAL_RATIO[0] < focal_ratio < FOCAL_RATIO[1]:
         found.append(
             f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and "
             f"{rig.right.K[0, 0]:.0f} px right"
@@ -52,14 +42,14 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     # scipy would take 0.3 s to load
     turned = cv2.Rodrigues(quarter_turn(-quarter_turns_of(rig.R)) @ rig.R)[0]
     angle_deg = np.degrees(np.linalg.norm(turned))
-    if angle_deg > LIMITS.angle_deg:
+    if angle_deg > ANGLE_DEG:
         found.append(
             f"the cameras are rotated by {angle_deg:.0f} degrees relative to each other: does "
             "the rotation belong to this rig?"
         )
     found += placement_suspicions(rig)
     kept = min(kept_fractions(rig))
-    if kept < (LIMITS.kept_fisheye if rig.left.model == "fisheye" else LIMITS.kept_pinhole):
+    if kept < (KEPT_FISHEYE if rig.left.model == "fisheye" else KEPT_PINHOLE):
         found.append(
             f"rectified images keep {kept:.0%} of the field of view: check rotation, focal "
             "lengths and distortion"
@@ -69,10 +59,10 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
             "no lens distortion in the calibration, although its cameras are not rectified: is "
             "it missing in the file?"
         )
-    if rig.rms_px is not None and rig.rms_px > LIMITS.rms_px:
+    if rig.rms_px is not None and rig.rms_px > RMS_PX:
         found.append(
             f"the reprojection error of the calibration is {rig.rms_px:.2f} px, over "
-            f"{LIMITS.rms_px:g} px: calibrate again"
+            f"{RMS_PX:g} px: calibrate again"
         )
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
@@ -108,17 +98,17 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     found = []
     (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
     width, height = camera.image_size
-    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > LIMITS.center_offset:
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > CENTER_OFFSET:
         found.append(
             f"{side}: the principal point ({cx:.0f}, {cy:.0f}) is far from the center of "
             f"{width}x{height} px: K may belong to another resolution, or to larger images that "
             f"these are cut out of (about {2 * cx:.0f}x{2 * cy:.0f})"
         )
-    if abs(fx / fy - 1) > LIMITS.aspect:
+    if abs(fx / fy - 1) > ASPECT:
         found.append(
             f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, but pixels are usually square"
         )
-    if not LIMITS.focal_of_width[0] < fx / width < LIMITS.focal_of_width[1]:
+    if not FOCAL_OF_WIDTH[0] < fx / width < FOCAL_OF_WIDTH[1]:
         found.append(
             f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: does K belong "
             "to another resolution?"

@@ -3,32 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.refraction import CameraInWater
 from calibration.rig import MAX_IMAGE_SIDE_PX, Camera, quarter_turns_of
 
-Array = NDArray[np.float64]
-
-
 AnyCamera = Camera | CameraInWater
-
-
-@dataclass(frozen=True)
-class ViewLimits:
-    """Decides how much of a view the rectified image shows."""
-
-    # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
-    widest_slope: float = 2.0
-    # points along each edge of the raw image, and from its center to each: smooth lenses need no
-    # more
-    border_steps: int = 33
-    # a whole view turned by 45 degrees takes 2.04 times a 4:3 image; more is a wide lens's rim
-    max_area_ratio: float = 3.0
-
-
-LIMITS = ViewLimits()
+WIDEST_SLOPE = 2.0  # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
+# points along each edge of the raw image, and from its center to each: smooth lenses need no more
+BORDER_STEPS = 33
+# a whole view turned by 45 degrees takes 2.04 times a 4:3 image; more is a wide lens's rim
+MAX_AREA_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +63,7 @@ def whole_view(left: tuple[AnyCamera, Array], right: tuple[AnyCamera, Array], al
     shrink = min(
         1.0,
         (MAX_IMAGE_SIDE_PX - 1) / extent.max(),
-        np.sqrt(LIMITS.max_area_ratio * width * height / extent.prod()),
+        np.sqrt(MAX_AREA_RATIO * width * height / extent.prod()),
     )
     focal_px *= float(shrink)
     size = (np.ceil(focal_px * (high - low)) + 1).astype(int).tolist()
@@ -103,7 +89,7 @@ def _outer_bounds(camera: AnyCamera, R: Array) -> tuple[Array, Array]:
 def _edges(camera: AnyCamera, R: Array) -> list[Array]:
     """(n, 2) slopes of the top, right, bottom and left edge of the raw image."""
     width, height = camera.image_size
-    along = np.linspace(0, 1, LIMITS.border_steps)[:, None]
+    along = np.linspace(0, 1, BORDER_STEPS)[:, None]
     center = np.array([(width - 1) / 2, (height - 1) / 2])
     corners = np.array(
         [[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64
@@ -121,14 +107,14 @@ def _outermost(camera: AnyCamera, R: Array, center: Array, border: Array) -> Arr
     A lens model may reach no further (its polynomial turns back), and a fisheye sees wider than an
     image plane can show.
     """
-    inwards = np.linspace(0, 1, LIMITS.border_steps)[1:, None, None]
+    inwards = np.linspace(0, 1, BORDER_STEPS)[1:, None, None]
     pixels = center + inwards * (border - center)
     x, y, z = np.moveaxis(
         (camera.rays(pixels.reshape(-1, 2)) @ R.T).reshape(*pixels.shape[:2], 3), 2, 0
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = np.stack([x / z, y / z], axis=-1)
-        usable = (z > 0) & (np.abs(slopes).max(axis=-1) < LIMITS.widest_slope)
+        usable = (z > 0) & (np.abs(slopes).max(axis=-1) < WIDEST_SLOPE)
     reached = np.cumprod(usable, axis=0).sum(axis=0) - 1
     if (reached < 0).any():
         raise CalibrationError(

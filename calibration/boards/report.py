@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from calibration.boards.bundle import Lens
 from calibration.boards.changes import Change
 from calibration.boards.target_shape import TargetShape
+from calibration.geometry import Array
 from calibration.rig import StereoRig
 from calibration.suspicions import placement_suspicions
 
-Array = NDArray[np.float64]
 Verdict = Literal["good", "usable", "do it again"]
 GRID = (8, 6)  # cells of the image in which corners are counted
 MIN_CORNERS_IN_CELL = 3  # a cell with fewer is not covered
@@ -203,6 +203,13 @@ class CalibrationReport:
             + (" (taken)" if score is lens else "")
             for score in self.scores
         ]
+        suspicious = placement_suspicions(rig)
+        if self.shape and self.shape.text:
+            suspicious.append(f"{self.shape.text}: measure it, and glue it flat")
+        if self.change:
+            suspicious.append(
+                f"{self.change.text}: calibrate with the photographs before and after apart"
+            )
         verdict, why = self.verdict
         coverage = (
             f"corners in {self.coverage[0]:.0%} of the left and {self.coverage[1]:.0%} of "
@@ -224,20 +231,7 @@ class CalibrationReport:
             f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
             coverage
             + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
-            *(f"suspicious: {text}" for text in placement_suspicions(rig)),
-            *(
-                [f"suspicious: {self.shape.text}: measure it, and glue it flat"]
-                if self.shape and self.shape.text
-                else []
-            ),
-            *(
-                [
-                    f"suspicious: {self.change.text}: calibrate with the photographs before and "
-                    "after apart"
-                ]
-                if self.change
-                else []
-            ),
+            *(f"suspicious: {text}" for text in suspicious),
             f"{verdict}: {why}",
         ]
 

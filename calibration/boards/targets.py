@@ -15,6 +15,7 @@ from calibration.aprilgrid import MIN_CORNERS, AprilGrid, Corners, images_for_de
 from calibration.errors import CalibrationError
 from calibration.formats.reading.document import load_document
 from calibration.formats.reading.section import Section
+from calibration.geometry import Array
 
 MAX_COUNT = 100  # of corners or tags across and down
 APRIL_TAGS = 587  # of the family 36h11
@@ -29,7 +30,7 @@ class Chessboard:
     square_m: float
 
     @cached_property
-    def points_m(self) -> NDArray[np.float64]:
+    def points_m(self) -> Array:
         """The corners on the board's plane, row by row: (columns * rows, 3)."""
         return _grid(self.columns, self.rows, self.square_m)
 
@@ -65,7 +66,7 @@ class Charuco:
     marker_m: float
 
     @cached_property
-    def points_m(self) -> NDArray[np.float64]:
+    def points_m(self) -> Array:
         """The inner corners on the board's plane, row by row: ((columns - 1) * (rows - 1), 3)."""
         return _grid(self.columns - 1, self.rows - 1, self.square_m)
 
@@ -155,28 +156,24 @@ def _of_kalibr(file: Section) -> Target:
     space as a fraction of a tag.
     """
     kind, text = file.text(file.first("target_type")), file.where
+
+    def count(key: str, least: int = 3) -> int:
+        return _count(str(file.number(key)).removesuffix(".0"), text, least)
+
     if kind == "aprilgrid":
-        counts = [
-            _count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text, 1)
-            for key in ("tagCols", "tagRows")
-        ]
+        columns, rows = count("tagCols", 1), count("tagRows", 1)
         tag_m = _length_m(f"{file.number('tagSize')}m", text)
-        first_id = int(file.number("codeOffset")) if file.has("codeOffset") else 0
-        return _april_grid(
-            counts[0], counts[1], tag_m, file.number("tagSpacing") * tag_m, first_id, text
-        )
+        first_id = int(file.number("codeOffset", 0.0))
+        return _april_grid(columns, rows, tag_m, file.number("tagSpacing") * tag_m, first_id, text)
     if kind == "checkerboard":
-        counts = [
-            _count(str(file.numbers(key, 1)[0]).removesuffix(".0"), text)
-            for key in ("targetCols", "targetRows")
-        ]
+        columns, rows = count("targetCols"), count("targetRows")
         across_m, down_m = (file.number(key) for key in ("colSpacingMeters", "rowSpacingMeters"))
         if abs(across_m - down_m) > 1e-6:
             raise CalibrationError(
                 f"target {text!r}: its squares are not square: {across_m:g} m across, {down_m:g} "
                 "m down"
             )
-        return Chessboard(counts[0], counts[1], _length_m(f"{across_m}m", text))
+        return Chessboard(columns, rows, _length_m(f"{across_m}m", text))
     raise CalibrationError(
         f"target {text!r}: Kalibr's aprilgrid and checkerboard targets are supported, not {kind!r}"
     )
@@ -226,12 +223,12 @@ def _length_m(text: str, target: str) -> float:
     return length_m
 
 
-def _grid(columns: int, rows: int, step_m: float) -> NDArray[np.float64]:
+def _grid(columns: int, rows: int, step_m: float) -> Array:
     x, y = np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64))
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * step_m
 
 
-def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float64] | None:
+def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> Array | None:
     """(n, 2) corners: by the quick detector, the sector-based, both at raised contrast."""
     small, clear, scale = images_for_detection(image)
     quick = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
@@ -249,9 +246,7 @@ def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray
     return None
 
 
-def _refine(
-    image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int
-) -> NDArray[np.float64]:
+def _refine(image: NDArray[np.uint8], pixels: Array, columns: int) -> Array:
     """Corners to sub-pixel, in the largest window that never reaches the neighboring corner.
 
     cornerSubPix beats the detector's own refinement by a third on small, compressed images.
@@ -265,7 +260,7 @@ def _refine(
     return refined.astype(np.float64)
 
 
-def _right_handed(pixels: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
+def _right_handed(pixels: Array, columns: int) -> Array:
     """Corners numbered so that rows go right when columns go down, as on the printed board."""
     grid = pixels.reshape(-1, columns, 2)
     along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]

@@ -4,10 +4,8 @@ Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the nearest
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
@@ -19,7 +17,7 @@ from calibration.formats.reading.lens_models import (
     fitted_camera,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix
+from calibration.geometry import Array, camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
 from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 
@@ -57,16 +55,12 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
 
 
 def _two(section: Section, key: str) -> list[Section]:
-    entries: Any = section.content[key]
-    if (
-        not isinstance(entries, list)
-        or len(entries) != 2
-        or not all(isinstance(entry, dict) for entry in entries)
-    ):
+    entries = section.listed(key)
+    if len(entries) != 2:
         raise CalibrationError(
             f"{section.where}: {key}: expected two cameras: keep those of the stereo pair"
         )
-    return [Section(f"{section.where}: {key}: {i}", entry) for i, entry in enumerate(entries)]
+    return entries
 
 
 def _camera(section: Section, size: tuple[int, int]) -> Camera:
@@ -85,11 +79,11 @@ def _camera(section: Section, size: tuple[int, int]) -> Camera:
     return make_camera(section.where, _matrix(lens), distortion, size, model)
 
 
-def _matrix(lens: Section) -> NDArray[np.float64]:
+def _matrix(lens: Section) -> Array:
     return camera_matrix(*(lens.number(key) for key in ("fx", "fy", "cx", "cy")))
 
 
-def _pose(section: Section) -> NDArray[np.float64]:
+def _pose(section: Section) -> Array:
     """Camera to IMU, (4, 4)."""
     quaternion = np.array([section.number(f"q{axis}") for axis in "xyzw"])
     length2 = float(quaternion @ quaternion)

@@ -8,7 +8,7 @@ are entered in millimeters.
 import cv2
 import numpy as np
 
-from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
@@ -77,7 +77,7 @@ def _find(document: Section) -> Section | None:
 def _camera(fields: Section, side: str, image_size: Size | None) -> Camera:
     fx, fy = fields.numbers(f"fc_{side}", 2)
     cx, cy = fields.numbers(f"cc_{side}", 2)
-    alpha = fields.number(f"alpha_c_{side}") if fields.has(f"alpha_c_{side}") else 0.0
+    alpha = fields.number(f"alpha_c_{side}", 0.0)
     K = np.array([[fx, alpha * fx, cx], [0, fy, cy], [0, 0, 1]])
     distortion = fields.numbers(f"kc_{side}", 4, 5) if fields.has(f"kc_{side}") else np.zeros(5)
     return make_camera(
@@ -102,9 +102,7 @@ def _size(
             (size, turned),
             key=lambda s: abs(s[0] / 2 - center_px[0]) + abs(s[1] / 2 - center_px[1]),
         )
-    if image_size is None:
-        raise SizeMissingError(f"{fields.where}: {SIZE_MISSING}")
-    return image_size
+    return fields.needed_size(image_size)
 
 
 FORMAT = RigFormat(matches, parse)

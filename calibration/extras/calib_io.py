@@ -5,14 +5,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
-from calibration.geometry import camera_matrix
+from calibration.geometry import Array, camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
 from calibration.transforms import inverse, rigid_transform
 
@@ -37,12 +36,11 @@ def matches(document: Section) -> bool:
 def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     """The rig. Raises CalibrationError for other than two cameras, or an unknown lens model."""
     whole = document.section("Calibration") if document.has("Calibration") else document
-    cameras = whole.content["cameras"]
-    if len(cameras) != 2 or not all(isinstance(camera, Mapping) for camera in cameras):
+    sections = whole.listed("cameras")
+    if len(sections) != 2:
         raise CalibrationError(
-            f"{whole.where}: holds {len(cameras)} cameras: export only the stereo pair"
+            f"{whole.where}: holds {len(sections)} cameras: export only the stereo pair"
         )
-    sections = [Section(f"{whole.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
     left, right = map(_camera, sections)
     poses = [_pose(section.section("transform")) for section in sections]
     T = poses[1] @ inverse(poses[0])
@@ -58,7 +56,7 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
         return rigs[0].with_alternatives(rigs[1:])
 
 
-def _pose(transform: Section) -> NDArray[np.float64]:
+def _pose(transform: Section) -> Array:
     turn, place = transform.section("rotation"), transform.section("translation")
     R = cv2.Rodrigues(np.array([turn.number(key) for key in ("rx", "ry", "rz")]))[0]
     return rigid_transform(R, np.array([place.number(key) for key in "xyz"]))

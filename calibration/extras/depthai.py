@@ -70,7 +70,7 @@ def _transform(extrinsics: Section) -> NDArray[np.float64]:
 
 def _camera(section: Section) -> Camera:
     size = section.image_size("width", "height")
-    model = MODELS.get(int(section.number("cameraType")) if section.has("cameraType") else 0)
+    model = MODELS.get(int(section.number("cameraType", 0.0)))
     if model is None:
         raise CalibrationError(
             f"{section.where}: cameraType: {section.number('cameraType'):g} is not supported: "

@@ -7,7 +7,7 @@ t], meters.
 
 from dataclasses import replace
 
-from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
@@ -38,7 +38,9 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     prefix = "P_rect_0" if raw else "P"
     pairs = [pair for pair in (COLOR, GRAY) if document.has(*(prefix + camera for camera in pair))]
     rigs = [
-        _of_raw(document, pair, image_size) if raw else _of_projections(document, pair, image_size)
+        _of_raw(document, pair, image_size)
+        if raw
+        else _rectified(document, [f"P{camera}" for camera in pair], image_size)
         for pair in pairs
     ]
     if len(rigs) == 1:
@@ -53,12 +55,6 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         for rig, reading in zip(rigs, (COLOR_TAKEN, GRAY_TAKEN), strict=True)
     )
     return color.with_alternatives([gray])
-
-
-def _of_projections(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
-    if size is None:
-        raise SizeMissingError(f"{document.where}: {SIZE_MISSING}")
-    return _rectified(document, [f"P{camera}" for camera in pair], size)
 
 
 def _of_raw(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
@@ -90,9 +86,10 @@ def _camera(document: Section, camera: str, size: Size) -> Camera:
     return make_camera(document.where, K, distortion, size, "pinhole")
 
 
-def _rectified(document: Section, keys: list[str], size: Size) -> StereoRig:
+def _rectified(document: Section, keys: list[str], size: Size | None) -> StereoRig:
+    needed = document.needed_size(size)
     projections = [document.matrix(key, 3, 4) for key in keys]
-    return replace(rectified_rig(document.where, projections, size), medium="air")
+    return replace(rectified_rig(document.where, projections, needed), medium="air")
 
 
 FORMAT = RigFormat(matches, parse)

@@ -7,6 +7,7 @@ the appendix of the *Agisoft Metashape User Manual*: the principal point from th
 image, whose pixels begin at the corner; p1 and p2 are OpenCV's p2 and p1.
 """
 
+from functools import partial
 from typing import Any
 from xml.etree import ElementTree
 
@@ -109,10 +110,7 @@ def _camera(section: Section) -> Camera:
             "calibrate as frame or fisheye"
         )
     size = section.image_size("width", "height")
-
-    def number(key: str) -> float:
-        return section.number(key) if section.has(key) else 0.0
-
+    number = partial(section.number, default=0.0)
     center = (np.array(size) - 1) / 2 + [number("cx"), number("cy")]
     f = section.number("f")
     K = np.array([[f + number("b1"), number("b2"), center[0]], [0, f, center[1]], [0, 0, 1]])

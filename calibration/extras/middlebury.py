@@ -4,7 +4,7 @@ the right minus the left.
 
 import numpy as np
 
-from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.section import Section, naming
@@ -21,9 +21,8 @@ def matches(document: Section) -> bool:
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
     """The rectified rig, meters; right principal point = left + doffs (Z = f B / (d + doffs))."""
-    size = document.image_size("width", "height") if document.has("width") else image_size
-    if size is None:
-        raise SizeMissingError(f"{document.where}: {SIZE_MISSING}")
+    stored = document.image_size("width", "height") if document.has("width") else image_size
+    size = document.needed_size(stored)
     K_left = document.matrix("cam0", 3, 3)
     K_right = document.matrix("cam1", 3, 3) if document.has("cam1") else K_left.copy()
     doffs_px = document.number("doffs") if document.has("doffs") else K_right[0, 2] - K_left[0, 2]

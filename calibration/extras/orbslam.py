@@ -77,9 +77,7 @@ def _camera(document: Section, name: str, size: Size) -> Camera:
     K = camera_matrix(*(document.number(f"{name}.{key}") for key in ("fx", "fy", "cx", "cy")))
     fisheye = document.has("Camera.type") and document.text("Camera.type") == "KannalaBrandt8"
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    distortion = np.array(
-        [document.number(f"{name}.{key}") if document.has(f"{name}.{key}") else 0.0 for key in keys]
-    )
+    distortion = np.array([document.number(f"{name}.{key}", 0.0) for key in keys])
     return make_camera(
         f"{document.where}: {name}", K, distortion, size, "fisheye" if fisheye else "pinhole"
     )

@@ -17,7 +17,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import CameraFormat
@@ -25,10 +24,10 @@ from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import brown_terms
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
+from calibration.geometry import Array
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import inverse, rigid_transform, rotation_from_euler
 
-Array = NDArray[np.float64]
 MARK = "SeaGIS .cam"
 NUMBERS = (
     "xp", "yp", "c", "k3", "k5", "k7", "p1", "p2", "orthogonality", "affinity", "X", "Y", "Z",

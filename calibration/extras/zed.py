@@ -8,7 +8,6 @@ open: the rig carries both, and images decide.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
@@ -60,23 +59,18 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     )[0]
     with naming(document.where):
         rigs = [
-            StereoRig(left, right, rigid_transform(Q, T), "air", reading=text)
-            for Q, text in _senses(R)
+            StereoRig(
+                left, right, rigid_transform(Q, T), "air", reading=f"the rotation takes {axes}"
+            )
+            for Q, axes in ((R, "left to right axes"), (R.T, "right to left axes"))
         ]
     return rigs[0].with_alternatives(rigs[1:])
-
-
-def _senses(R: NDArray[np.float64]) -> tuple[tuple[NDArray[np.float64], str], ...]:
-    return (R, "the rotation takes left to right axes"), (
-        R.T,
-        "the rotation takes right to left axes",
-    )
 
 
 def _camera(document: Section, side: str, name: str, size: tuple[int, int]) -> Camera:
     section = document.section(f"{side}_CAM_{name}")
     lens = document.section(f"{side}_DISTO") if document.has(f"{side}_DISTO") else section
-    distortion = np.array([lens.number(key) if lens.has(key) else 0.0 for key in COEFFICIENTS])
+    distortion = np.array([lens.number(key, 0.0) for key in COEFFICIENTS])
     K = camera_matrix(*(section.number(key) for key in ("fx", "fy", "cx", "cy")))
     return make_camera(
         section.where, K, distortion[: 8 if distortion[5:].any() else 5], size, "pinhole"

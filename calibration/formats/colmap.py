@@ -7,17 +7,16 @@ Its pixels begin at the corner: the center of the first one is (0.5, 0.5) (COLMA
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, SizeMissingError
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.lens_models import field_of_view, fitted_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import to_meters
+from calibration.geometry import Array
 from calibration.rig import Camera, CameraModel, StereoRig
 from calibration.transforms import inverse, rigid_transform, rotation_from_quaternion
 
-Array = NDArray[np.float64]
 Size = tuple[int, int]
 # keys that reading/document.py puts the lines of these files under
 CAMERAS, RIGS = ("cameras.txt of COLMAP", "rigs.txt of COLMAP")

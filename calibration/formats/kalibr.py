@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
@@ -22,7 +21,7 @@ from calibration.formats.reading.lens_models import (
     omni,
 )
 from calibration.formats.reading.section import Section, naming
-from calibration.geometry import camera_matrix
+from calibration.geometry import Array, camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
 from calibration.transforms import inverse, is_backward
 
@@ -70,7 +69,7 @@ def parse(document: Section) -> StereoRig:
         return StereoRig(cameras[0], cameras[1], T, errors=errors)
 
 
-def _pose(sections: list[Section]) -> NDArray[np.float64]:
+def _pose(sections: list[Section]) -> Array:
     """T_cn_cnm1, (4, 4); else from each camera's pose to an IMU (OpenVINS writes T_imu_cam)."""
     if not sections[1].has("T_cn_cnm1"):
         for key in ("T_cam_imu", "T_imu_cam"):

@@ -14,16 +14,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.errors import CalibrationError
 from calibration.formats.cameras import five_coefficients, make_camera
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.reading.units import rig_in_meters
+from calibration.geometry import Array
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import rigid_transform
 
-Array = NDArray[np.float64]
 Size = tuple[int, int]
 # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 SAME_ROTATION = 1e-6
@@ -159,13 +158,7 @@ def _camera(section: Section, image_size: Size | None) -> Camera:
         K = (K if K[:2, 2].any() else K.T).copy()  # where somebody has transposed it already
     elif section.has("FocalLength", "PrincipalPoint"):  # a cameraIntrinsics object
         (fx, fy), (cx, cy) = section.numbers("FocalLength", 2), section.numbers("PrincipalPoint", 2)
-        K = np.array(
-            [
-                [fx, section.number("Skew") if section.has("Skew") else 0.0, cx],
-                [0, fy, cy],
-                [0, 0, 1],
-            ]
-        )
+        K = np.array([[fx, section.number("Skew", 0.0), cx], [0, fy, cy], [0, 0, 1]])
     else:
         raise CalibrationError(
             f"{section.where}: no 'K' (nor IntrinsicMatrix): MATLAB's fisheye and other models are "
@@ -182,9 +175,7 @@ def _size(section: Section, image_size: Size | None) -> Size:
     if section.has("ImageSize") and section.numbers("ImageSize").size:
         height, width = section.image_size("ImageSize")
         return width, height
-    if image_size is None:
-        raise SizeMissingError(f"{section.where}: {SIZE_MISSING}")
-    return image_size
+    return section.needed_size(image_size)
 
 
 def _translation(stereo: Section) -> Array:

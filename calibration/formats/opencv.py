@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
+from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.aliases import words_for
 from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
@@ -217,9 +217,7 @@ def size_of(
         off_px = [float(np.abs(size / 2 - K[:2, 2]).sum()) for size in (numbers, numbers[::-1])]
         width, height = numbers[::-1] if off_px[1] < NEARER * off_px[0] else numbers
         return int(width), int(height)
-    if image_size is None:
-        raise SizeMissingError(f"{document.where}: {SIZE_MISSING}")
-    return image_size
+    return document.needed_size(image_size)
 
 
 def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:

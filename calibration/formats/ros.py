@@ -8,12 +8,12 @@ P) are read too.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.formats.cameras import known_lens, make_camera
 from calibration.formats.reading.section import Section, naming
+from calibration.geometry import Array
 from calibration.rectification import upright_rotations
 from calibration.rig import Camera, CameraModel, StereoRig, quarter_turn
 from calibration.transforms import is_backward, rigid_transform
@@ -78,7 +78,7 @@ def check_sides_named(rig: StereoRig, names: list[str]) -> None:
 TURNED = np.diag([-1.0, -1.0, 1.0])
 
 
-def upright(P: NDArray[np.float64]) -> NDArray[np.float64]:
+def upright(P: Array) -> Array:
     """A projection (3, 4) with positive focal lengths, in axes that are turned by 180 degrees where
     they were negative.
 
@@ -87,9 +87,7 @@ def upright(P: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([P[:, :3] @ TURNED, P[:, 3]]) if P[0, 0] < 0 and P[1, 1] < 0 else P
 
 
-def transform_of_projections(
-    rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
-) -> NDArray[np.float64]:
+def transform_of_projections(rotations: list[Array], projections: list[Array]) -> Array:
     """The transform (4, 4) from left to right axes behind two rectifying rotations (3, 3) and
     projections (3, 4), in their unit.
     """
@@ -111,9 +109,7 @@ def transform_of_projections(
     return rigid_transform(rotations[1].T @ rotations[0], rotations[1].T @ offset)
 
 
-def rectified_rig(
-    where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]
-) -> StereoRig:
+def rectified_rig(where: str, projections: list[Array], size: tuple[int, int]) -> StereoRig:
     """The rig of rectified images from their projections (3, 4), left first. where: the file."""
     projections = [upright(P) for P in projections]
     left, right = (
@@ -145,7 +141,7 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
             temporary.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
 
 
-def _camera_text(camera: Camera, R: NDArray[np.float64], P: NDArray[np.float64], side: str) -> str:
+def _camera_text(camera: Camera, R: Array, P: Array, side: str) -> str:
     name, coefficients = _named_distortion(camera)
     width, height = camera.image_size
     return (
@@ -156,12 +152,12 @@ def _camera_text(camera: Camera, R: NDArray[np.float64], P: NDArray[np.float64],
     )
 
 
-def _matrix_text(matrix: NDArray[np.float64]) -> str:
+def _matrix_text(matrix: Array) -> str:
     data = ", ".join(repr(float(value)) for value in matrix.ravel())
     return f"  rows: {matrix.shape[0]}\n  cols: {matrix.shape[1]}\n  data: [{data}]\n"
 
 
-def _named_distortion(camera: Camera) -> tuple[str, NDArray[np.float64]]:
+def _named_distortion(camera: Camera) -> tuple[str, Array]:
     if camera.model == "fisheye":
         return "equidistant", camera.distortion
     if camera.distortion.size <= 5:

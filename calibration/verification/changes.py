@@ -10,15 +10,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.matches import Matches
 from calibration.verification.rigid_motion import LATER, SeenTwice, fit_motions
 from calibration.verification.row_fits import explain, robust_fit, row_inliers
 
-Array = NDArray[np.float64]
 Kind = Literal["", "odd", "step", "drift", "each"]
 
 LEAST_PX = 0.5

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry import Array
 from calibration.gray import to_gray
 from calibration.rectification import Rectification, raw_points, rectified_points
 from calibration.rig import StereoRig
 from calibration.verification.alignment import align
 from calibration.verification.row_fits import explain
 
-Array = NDArray[np.float64]
 Images = tuple[NDArray[np.generic], NDArray[np.generic]]
 SIFT_BYTES_A_PIXEL = 250
 UNLIKE = 400.0**2
@@ -181,19 +181,8 @@ def raw_matches(
 ) -> list[Matches]:
     """Find matched points of both raw images of each pair, by matching the rectified ones."""
     rectification = Rectification.from_rig(rig)
-    return [raw_match(rectification, rig, left, right, limits) for left, right in pairs]
-
-
-def raw_match(
-    rectification: Rectification,
-    rig: StereoRig,
-    left: NDArray[np.generic],
-    right: NDArray[np.generic],
-    limits: MatchLimits = MATCH_LIMITS,
-) -> Matches:
-    """Find matched points of both raw images of a pair. rectification: of the rig."""
-    found = find_matches(rectification, left, right, limits)
-    return Matches(*raw_points(rig, found.left, found.right))
+    found = (find_matches(rectification, left, right, limits) for left, right in pairs)
+    return [Matches(*raw_points(rig, one.left, one.right)) for one in found]
 
 
 def similar_points(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:

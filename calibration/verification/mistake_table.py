@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import inverse, rigid_transform
-
-Array = NDArray[np.float64]
 
 Flip = tuple[bool, bool]
 """Which axes of a side's images run the other way, x and y."""

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig
 from calibration.verification.matches import Images, Matches, similar_points
 from calibration.verification.mistake_table import EXCHANGED, MISTAKES, RECTIFIED, Flip, Mistake
 from calibration.verification.vertical_disparity import RowCheck
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,12 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.rectification import Rectification
 from calibration.resampling import jackknife
 from calibration.verification.matches import (
-    MATCH_LIMITS,
     QUICK,
     Images,
     Matches,
@@ -48,19 +46,9 @@ from calibration.verification.rigid_motion import (
     fit_motions,
 )
 
-Array = NDArray[np.float64]
-
-
 FEATURES = replace(QUICK, max_features=1000)
 NOISE_DRAWS = 2
 """Draws of noise: the scatter of their mean is a fifth of what noise does."""
-
-
-def couple_across(rectification: Rectification, pairs: Iterable[Images]) -> SeenTwice | None:
-    """As ``find_couples`` makes a couple, of all features that there are. pairs: the first, and
-    those that follow it.
-    """
-    return _couple(rectification, pairs, MATCH_LIMITS)
 
 
 def find_motion(couples: Iterable[SeenTwice], geometry: RectifiedPair) -> Motion:
@@ -75,19 +63,6 @@ def find_motion(couples: Iterable[SeenTwice], geometry: RectifiedPair) -> Motion
             if motion.is_right:
                 return motion
     return motion_of(found, geometry)
-
-
-def find_couples(
-    rectification: Rectification, starts: Iterable[Iterable[Images]]
-) -> Iterator[SeenTwice]:
-    """Points that are seen twice. starts: for each couple its first raw pair of images and pairs
-    that follow it, nearest first.
-
-    The first of those that has moved far enough makes the couple.
-    """
-    for pairs in starts:
-        if couple := _couple(rectification, pairs):
-            yield couple
 
 
 def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bool:
@@ -265,11 +240,11 @@ def _between_px(own: Sequence[Fitted], value: int, disparity_px: float) -> float
     return float(np.median(found_px)) if 2 * clear.sum() > len(own) else 0.0
 
 
-def _couple(
+def couple_of(
     rectification: Rectification, pairs: Iterable[Images], features: MatchLimits = FEATURES
 ) -> SeenTwice | None:
-    """The points that the first pair and the first one that has moved far enough show; None also
-    for images of another size.
+    """The points that the first raw pair of images and the first of those that follow it, nearest
+    first, that has moved far enough show; None also for images of another size.
     """
     with suppress(CalibrationError):
         return _moved(rectification, iter(pairs), features)

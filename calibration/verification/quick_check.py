@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.geometry import Array
 from calibration.rectification import Rectification
 from calibration.verification.matches import QUICK, Images, Matches, find_matches
 from calibration.verification.vertical_disparity import BEHIND_PX, LIMITS, MIN_MATCHES
 
-Array = NDArray[np.float64]
 LEAST_PIXELS = 1.6e5
 """Images smaller than that at a third of their size show too few features there."""
 STRAY_PX = 1.0

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.resampling import jackknife
 from calibration.robust_statistics import deviation_about_zero
 from calibration.verification.row_fits import explain
 
-Array = NDArray[np.float64]
 POSE = 6
 """A turn (rad) and a shift (baselines) of each couple; then come the shared values."""
 SHARED = 6
@@ -27,24 +25,14 @@ STEPS = np.array([1e-5] * 3 + [1e-4] * 3)
 AT_INFINITY = 0.1
 """Of the disparity: points without parallax fit any motion when an offset moves them to
 infinity."""
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """rounds: of Gauss-Newton; poses_first: how many of them leave the shared values alone.
-
-    noise_px: where the loss turns from squares to absolute values. deviations: standard deviations
-    of the shared values before anything is seen: couples that only move sideways hold no focal
-    length.
-    """
-
-    rounds: int = 40
-    poses_first: int = 6
-    noise_px: float = 0.15
-    deviations: tuple[float, ...] = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
-
-
-SETTINGS = FitSettings()
+ROUNDS, POSES_FIRST = 40, 6
+"""Of Gauss-Newton; and how many of them leave the shared values alone."""
+NOISE_PX = 0.15
+"""Where the loss turns from squares to absolute values."""
+DEVIATIONS = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
+"""Standard deviations of the shared values before anything is seen: couples that only move sideways
+hold no focal length.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +94,9 @@ def fit_motions(
     poses, shared = np.zeros((len(couples), POSE)), np.zeros(SHARED)
     if start is not None:
         poses, shared[chosen] = start.poses, start.values[chosen]
-    prior = (SETTINGS.noise_px / np.array(SETTINGS.deviations)[chosen]) ** 2
-    poses_first = SETTINGS.poses_first if start is None else 0
-    for number in range(SETTINGS.rounds):
+    prior = (NOISE_PX / np.array(DEVIATIONS)[chosen]) ** 2
+    poses_first = POSES_FIRST if start is None else 0
+    for number in range(ROUNDS):
         normals = _normals(points, poses, shared, geometry.focal_px)
         H = np.diag(prior) + normals.H.sum(axis=0)
         g = -prior * shared[chosen] + normals.g.sum(axis=0)
@@ -194,7 +182,7 @@ class _Normals:
 def _normals(points: _Points, poses: Array, shared: Array, focal_px: float) -> _Normals:
     rest, slope = _residuals(points, poses, shared, focal_px)
     squared = (rest**2).sum(axis=1)
-    weights = points.counts / np.sqrt(1 + squared / SETTINGS.noise_px**2)
+    weights = points.counts / np.sqrt(1 + squared / NOISE_PX**2)
     weighted = (slope * weights[:, None, None]).reshape(*slope.shape[:2], -1)
     H = weighted @ slope.reshape(weighted.shape).swapaxes(1, 2)
     g = -(weighted @ rest.reshape(len(rest), -1, 1))

@@ -3,10 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
+from calibration.geometry import Array, RectifiedPair
 from calibration.robust_statistics import deviation_about_zero
-
-Array = NDArray[np.float64]
 
 
 def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:

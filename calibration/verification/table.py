@@ -9,14 +9,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.port import DESCRIBE_PORT, FLAT_PORT, flat_port
 from calibration.rectification import upright_rotations
 from calibration.rig import Camera, StereoRig
 from calibration.transforms import rigid_transform
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

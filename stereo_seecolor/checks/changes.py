@@ -15,8 +15,8 @@ from calibration.verification.changes import (
     enlarged_side,
     pair_rows,
 )
-from calibration.verification.matches import QUICK, Matches, find_matches
-from calibration.verification.motion import couple_across
+from calibration.verification.matches import MATCH_LIMITS, QUICK, Matches, find_matches
+from calibration.verification.motion import couple_of
 from stereo_seecolor.checks.change_texts import (
     drift_line,
     each_line,
@@ -241,7 +241,9 @@ def _side(
         return ""
     after = [pairs[first + step] for step in AFTER if first + step < len(pairs)]
     couples = [
-        couple_across(rectification, (both for _, both in readable([before, *after], images)))
+        couple_of(
+            rectification, (both for _, both in readable([before, *after], images)), MATCH_LIMITS
+        )
         for before in pairs[max(0, first - COUPLES) : first]
     ]
     seen = [couple for couple in couples if couple]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,26 +21,16 @@ from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair
 
-
-@dataclass(frozen=True)
-class OrderSettings:
-    """Constants of the check.
-
-    quantiles: of each channel of an image.
-    dark: fraction of full scale that is added, since the noise of dark pixels is not color.
-    apart, times: by how much the logarithms of two images' red and blue over green must differ at
-    least, and how many times as much as with red and blue exchanged. Of neighbors and of every
-    fifth frame of a real reef, FLSea and the sample dive: at most 0.3 times as given, 3.6 and more
-    exchanged; nearly gray images at most 1.1 times.
-    """
-
-    quantiles: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)
-    dark: float = 0.015
-    apart: float = 0.05
-    times: float = 2.0
-
-
-SETTINGS = OrderSettings()
+QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Of each channel of an image."""
+DARK = 0.015
+"""Fraction of full scale that is added, since the noise of dark pixels is not color."""
+APART, TIMES = 0.05, 2.0
+"""By how much the logarithms of two images' red and blue over green must differ at least, and how
+many times as much as with red and blue exchanged. Of neighbors and of every fifth frame of a real
+reef, FLSea and the sample dive: at most 0.3 times as given, 3.6 and more exchanged; nearly gray
+images at most 1.1 times.
+"""
 Colors = NDArray[np.float64]
 """(3, quantiles) logarithms of the values of R, G, B."""
 
@@ -136,13 +125,13 @@ def _differs_from(place: int, images: DiveImages) -> Callable[[int], bool]:
 
 def _colors(images: DiveImages, path: Path) -> Colors:
     image = images.thinned(path)
-    values = np.quantile(image.reshape(-1, 3), SETTINGS.quantiles, axis=0).T
-    return np.log(values / np.iinfo(image.dtype).max + SETTINGS.dark)
+    values = np.quantile(image.reshape(-1, 3), QUANTILES, axis=0).T
+    return np.log(values / np.iinfo(image.dtype).max + DARK)
 
 
 def _are_exchanged(one: Colors, other: Colors) -> bool:
     given, exchanged = _apart(one, other), _apart(one, other[::-1])
-    return given > max(SETTINGS.apart, SETTINGS.times * exchanged)
+    return given > max(APART, TIMES * exchanged)
 
 
 def _apart(one: Colors, other: Colors) -> float:

@@ -3,7 +3,6 @@ exposures that cannot be.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -12,22 +11,14 @@ from stereo_seecolor.color.render.display import FULL_AT
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
 from stereo_seecolor.records import Capture, Image, Map
 
-
-@dataclass(frozen=True)
-class ExposureLimits:
-    """Limits of brightness beyond which a frame gets a warning."""
-
-    dark: float = 0.005
-    """Linear light of the brightest channel (16 of 255 in sRGB): noise is a tenth of it."""
-    dark_fraction: float = 0.9
-    """Fraction of pixels of known range that are darker: open water around a lit object is less."""
-    clipped_fraction: float = 0.1
-    """Fraction of these pixels that are clipped: highlights and white cards fill less."""
-    step_px: int = 4
-    """Only every fourth row and column is examined."""
-
-
-LIMITS = ExposureLimits()
+DARK = 0.005
+"""Linear light of the brightest channel (16 of 255 in sRGB): noise is a tenth of it."""
+DARK_FRACTION = 0.9
+"""Fraction of pixels of known range that are darker: open water around a lit object is less."""
+CLIPPED_FRACTION = 0.1
+"""Fraction of these pixels that are clipped: highlights and white cards fill less."""
+STEP_PX = 4
+"""Only every fourth row and column is examined."""
 
 
 def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
@@ -36,22 +27,20 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
     """
-    small = image[:: LIMITS.step_px, :: LIMITS.step_px]
+    small = image[::STEP_PX, ::STEP_PX]
     brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[
-        np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])
+        np.isfinite(range_m[::STEP_PX, ::STEP_PX])
     ]
     if not brightest.size:
         return ()
     light = decoded_values(8 * image.dtype.itemsize, encoding)
-    if np.quantile(light[brightest], LIMITS.dark_fraction) < LIMITS.dark:
+    if np.quantile(light[brightest], DARK_FRACTION) < DARK:
         return ("the frame is almost black: its colors are mostly noise",)
     clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
-    if clipped > LIMITS.clipped_fraction:
+    if clipped > CLIPPED_FRACTION:
         return (
-            (
-                f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color "
-                "is beyond recovery"
-            ),
+            f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color is "
+            "beyond recovery",
         )
     return ()
 

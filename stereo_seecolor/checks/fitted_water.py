@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stereo_seecolor.records import Water
+from stereo_seecolor.records import Array, Water
 from stereo_seecolor.water.limits import LITTLE_RELIEF
 
 LEAST_RED = 0.115
@@ -74,7 +73,7 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
     return ()
 
 
-def _attenuation(water: Water) -> NDArray[np.float64]:
+def _attenuation(water: Water) -> Array:
     """(3,) 1/m at the water's typical range; NaN where not known, and for gray images."""
     if not water.typical_range_m:
         return np.full(3, np.nan)

@@ -6,7 +6,6 @@ of the images before and after.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,32 +17,20 @@ from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, RANGES, DiveVerdict
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.records import Image
+from stereo_seecolor.records import Array, Image
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class EdgeLimits:
-    """What counts as evidence.
-
-    With true ranges edges correlate by 0.05 (8 frames of FLSea) to 0.14 (20 of a reef), on average
-    over the frames; otherwise by 0 +- 0.02 (0.03) in a frame.
-    """
-
-    images: int = 6  # spread over the folder
-    least_images: int = 3
-    width: int = 240  # cells across an image
-    around: float = 6.0  # cells: standard deviation of what is usual around a cell
-    least_cells: int = 2000
-    # of the mean over the images by chance, which its highest place of thousands exceeds 4 times
-    sigmas: float = 6.0
-    shift: int = 3  # cells: less is what rectification and resizing leave
-    wide: int = 6  # cells: of a peak
-    reach: tuple[int, int] = (30, 60)  # cells down and across to which shifts are looked for
-
-
-LIMITS = EdgeLimits()
+IMAGES, LEAST_IMAGES = 6, 3  # spread over the folder
+WIDTH = 240  # cells across an image
+AROUND = 6.0  # cells: standard deviation of what is usual around a cell
+LEAST_CELLS = 2000
+SIGMAS = 6.0
+"""Of the mean over the images by chance, which its highest place of thousands exceeds 4 times. With
+true ranges edges correlate by 0.05 (8 frames of FLSea) to 0.14 (20 of a reef), on average over the
+frames; otherwise by 0 +- 0.02 (0.03) in a frame.
+"""
+SHIFT = 3  # cells: less is what rectification and resizing leave
+WIDE = 6  # cells: of a peak
+REACH = (30, 60)  # cells down and across to which shifts are looked for
 TURNS = {
     "upside down": (slice(None, None, -1), slice(None)),
     "mirrored": (slice(None), slice(None, None, -1)),
@@ -59,11 +46,11 @@ def misplaced_maps(images: DiveImages) -> DiveVerdict:
     others: dict[str, list[float]] = {how: [] for how in (*TURNS, *NEIGHBORS.values())}
     shifted = []
     cell_px = 1
-    for place in evenly_spaced(range(len(images.pairs)), LIMITS.images):
+    for place in evenly_spaced(range(len(images.pairs)), IMAGES):
         pair = images.pairs[place]
         with suppress(InputError):  # the run names it
             image = read_image(pair.left, images.config.input)
-            cell_px = max(1, round(image.shape[1] / LIMITS.width))
+            cell_px = max(1, round(image.shape[1] / WIDTH))
             seen, own = _image_edges(image, cell_px), _map_edges(images, pair.right, cell_px)
             if own.shape != seen.shape:
                 continue
@@ -73,16 +60,16 @@ def misplaced_maps(images: DiveImages) -> DiveVerdict:
                 others[how].append(_correlation(seen, own[turn]))
             for step, how in NEIGHBORS.items():
                 others[how].append(_with_map(images, place + step, seen, cell_px))
-    if len(here) < LIMITS.least_images or not np.isfinite(here).all():
+    if len(here) < LEAST_IMAGES or not np.isfinite(here).all():
         return NOTHING_FOUND
     together = np.mean(shifted, axis=0)
     dy, dx = _peak(together)
-    down, across = LIMITS.reach
-    if max(abs(dy), abs(dx)) >= LIMITS.shift:
+    down, across = REACH
+    if max(abs(dy), abs(dx)) >= SHIFT:
         others[f"shifted by about {-dx * cell_px}, {-dy * cell_px} px (x, y)"] = [
             float(one[down + dy, across + dx]) for one in shifted
         ]
-    together[max(down + dy - LIMITS.wide, 0) : down + dy + LIMITS.wide + 1] = np.nan
+    together[max(down + dy - WIDE, 0) : down + dy + WIDE + 1] = np.nan
     chance = float(np.nanstd(together))
     return _verdict(np.array(here), others, chance, images.pairs[0].right.name)
 
@@ -103,9 +90,9 @@ def _verdict(here: Array, others: dict[str, list[float]], chance: float, name: s
     found = {how: np.array(values) for how, values in others.items() if np.isfinite(values).any()}
     best = max(found, key=lambda how: float(np.nanmean(found[how])))
     known = np.isfinite(found[best])
-    least = LIMITS.sigmas * chance * np.sqrt(len(here) / max(known.sum(), 1))
+    least = SIGMAS * chance * np.sqrt(len(here) / max(known.sum(), 1))
     there, as_given = float(np.median(found[best][known])), float(np.median(here[known]))
-    if known.sum() < LIMITS.least_images or there < least or there - as_given < 2**0.5 * least:
+    if known.sum() < LEAST_IMAGES or there < least or there - as_given < 2**0.5 * least:
         return NOTHING_FOUND
     what = f"of {best}" if best in NEIGHBORS.values() else best
     if best.endswith(", 0 px (x, y)"):
@@ -152,7 +139,7 @@ def _beyond_usual(values: Array) -> Array:
     """Ranks, centered, of what values are beyond the mean around them; 0 where unknown."""
     known = np.isfinite(values)
     blurred = [
-        cv2.GaussianBlur(part.astype(np.float32), (0, 0), LIMITS.around)
+        cv2.GaussianBlur(part.astype(np.float32), (0, 0), AROUND)
         for part in (np.where(known, values, 0), known)
     ]
     beyond = (values - blurred[0] / np.maximum(blurred[1], 1e-6))[known]
@@ -165,17 +152,17 @@ def _beyond_usual(values: Array) -> Array:
 def _correlation(one: Array, other: Array) -> float:
     """Of the cells that both know; NaN for too few."""
     both = (one != 0) & (other != 0)
-    if both.sum() < LIMITS.least_cells:
+    if both.sum() < LEAST_CELLS:
         return float("nan")
     return float(np.corrcoef(one[both], other[both])[0, 1])
 
 
 def _shifted(one: Array, other: Array) -> Array:
     """Correlations of one with the other moved by -reach to reach, (rows, columns)."""
-    down, across = LIMITS.reach
+    down, across = REACH
     shape = one.shape[0] + down, one.shape[1] + across
     product = np.conj(np.fft.rfft2(other, shape)) * np.fft.rfft2(one, shape)
-    moved = np.roll(np.fft.irfft2(product, shape), LIMITS.reach, axis=(0, 1))
+    moved = np.roll(np.fft.irfft2(product, shape), REACH, axis=(0, 1))
     scale = np.sqrt(float((one**2).sum() * (other**2).sum()))
     return np.asarray(moved[: 2 * down + 1, : 2 * across + 1] / max(scale, 1e-9))
 
@@ -183,4 +170,4 @@ def _shifted(one: Array, other: Array) -> Array:
 def _peak(correlations: Array) -> tuple[int, int]:
     """Rows and columns by which the other must move to correlate most."""
     row, column = np.unravel_index(int(correlations.argmax()), correlations.shape)
-    return int(row) - LIMITS.reach[0], int(column) - LIMITS.reach[1]
+    return int(row) - REACH[0], int(column) - REACH[1]

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
@@ -25,24 +25,18 @@ NOTED_MISFITS = 3
 """Failed pairs that are compared with their neighbors, as slow as matching some pairs."""
 NOTED_PARTS = 5
 """Parts of a dive that are out of step of which each is compared with its neighbors."""
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """Where a fitting partner is looked for, and how many pairs make a slip."""
-
-    # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom
-    # by more
-    reach: int = 4
-    ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
-    slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
-    # the least of a part that is out of step: one alone may be dark, or of another moment
-    part_pairs: int = 2
-    # of the pairs from the first to the last failed one: a few may lack texture, or fit by chance
-    slip_fraction: float = 0.8
-
-
-_LIMITS = _Limits()
+REACH = 4
+"""Neighbors examined on either side: numbering is off by one where a frame was dropped, seldom by
+more.
+"""
+FITTING_RATIO = 3.0
+"""A fitting pair has so many times the matches of a false one."""
+SLIP_PAIRS, SLIP_FRACTION = 5, 0.8
+"""Failed pairs that are looked at together: of fewer, each has its own line; and their fraction of
+the pairs from the first to the last of them: a few may lack texture, or fit by chance.
+"""
+PART_PAIRS = 2
+"""The least of a part that is out of step: one alone may be dark, or of another moment."""
 
 
 def neighbor_that_fits(
@@ -59,8 +53,8 @@ def neighbor_that_fits(
     own = agreeing_points(rectification, left, describe_right(rectification, images[1]))
     place = pairs.index(pair)
     others = [
-        *pairs[max(0, place - _LIMITS.reach) : place],
-        *pairs[place + 1 : place + 1 + _LIMITS.reach],
+        *pairs[max(0, place - REACH) : place],
+        *pairs[place + 1 : place + 1 + REACH],
     ]
 
     def points_of(other: Pair) -> int:
@@ -73,7 +67,7 @@ def neighbor_that_fits(
     points = matching_threads(rectification.raw_size).each(points_of, others)
     found = zip(points, others, strict=True)
     most, best = max(found, key=lambda item: item[0], default=(0, pair))
-    return best if most >= max(ENOUGH_POINTS, _LIMITS.ratio * own) else None
+    return best if most >= max(ENOUGH_POINTS, FITTING_RATIO * own) else None
 
 
 def constant_shift(pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> str:
@@ -144,7 +138,7 @@ def _slip(
 
     misfits: the failed pairs with their places; nearly all between the first and the last failed.
     """
-    if len(misfits) < _LIMITS.slip_pairs or len(misfits) < _LIMITS.slip_fraction * (
+    if len(misfits) < SLIP_PAIRS or len(misfits) < SLIP_FRACTION * (
         misfits[-1][0] - misfits[0][0] + 1
     ):
         return None
@@ -176,7 +170,7 @@ def _slips(
     parts = [
         (first, last)
         for first, last in consecutive_intervals(place for place, _ in misfits)
-        if last - first + 1 >= _LIMITS.part_pairs
+        if last - first + 1 >= PART_PAIRS
     ]
     found = []
     for first, last in parts[:NOTED_PARTS]:

@@ -3,30 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.config import MatchingConfig
+from stereo_seecolor.records import Array
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RangeConstants:
-    """Constants of the check.
-
-    lost: fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01
-    are, by mismatches.
-    ends: percentiles of range taken for the nearest and the farthest point, which leave out
-    mismatches.
-    margin: factor between these and the proposed limits.
-    """
-
-    lost: float = 0.05
-    ends: tuple[float, float] = (1.0, 95.0)
-    margin: float = 1.3
-
-
-CONSTANTS = RangeConstants()
+LOST = 0.05
+"""Fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01 are,
+by mismatches.
+"""
+ENDS, MARGIN = (1.0, 95.0), 1.3
+"""Percentiles of range taken for the nearest and the farthest point, which leave out mismatches;
+and the factor between these and the proposed limits.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,20 +50,20 @@ def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, .
     """The limits that too many features lie outside of. range_m: (n,) of features, meters."""
     if range_m.size == 0:
         return ()
-    near_m, far_m = np.percentile(range_m, CONSTANTS.ends)
+    near_m, far_m = np.percentile(range_m, ENDS)
     near = RangeLimits(
         "min_range_m",
         config.min_range_m,
-        _rounded(near_m / CONSTANTS.margin, np.floor),
+        _rounded(near_m / MARGIN, np.floor),
         float((range_m < config.min_range_m).mean()),
     )
     far = RangeLimits(
         "max_range_m",
         config.max_range_m,
-        _rounded(far_m * CONSTANTS.margin, np.ceil),
+        _rounded(far_m * MARGIN, np.ceil),
         float((range_m > config.max_range_m).mean()),
     )
-    return tuple(limit for limit in (near, far) if limit.lost > CONSTANTS.lost)
+    return tuple(limit for limit in (near, far) if limit.lost > LOST)
 
 
 def _rounded(value_m: float, towards: np.ufunc) -> float:

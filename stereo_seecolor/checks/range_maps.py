@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.checks.sample import DiveImages, evenly_spaced
@@ -17,9 +16,7 @@ from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, RANGES, DiveVe
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.records import Image
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array, Image
 
 LOOKED_AT = 6
 """Images, spread over the folder, that are compared with their maps."""

@@ -15,7 +15,7 @@ from calibration.verification.matches import Images, Matches, find_matches
 from calibration.verification.mistakes import FoundMistake, likely_mistake, may_be_wrong
 from calibration.verification.motion import (
     changes_in_time,
-    find_couples,
+    couple_of,
     find_motion,
     motion_of,
 )
@@ -196,11 +196,9 @@ def couples_of(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> li
 def _couples(
     rectification: Rectification, starts: Iterable[Iterable[Images]]
 ) -> Iterator[SeenTwice]:
-    """``find_couples``, on all cores."""
+    """Points that are seen twice, on all cores. starts: for each couple as ``couple_of``."""
     threads = matching_threads(rectification.raw_size)
-    return chain.from_iterable(
-        threads.each(lambda near: list(find_couples(rectification, [near])), starts)
-    )
+    return filter(None, threads.each(lambda near: couple_of(rectification, near), starts))
 
 
 def refine_on_dive(

@@ -5,14 +5,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.checks.sample import SIDES_OF, DiveImages, ends_of_part, evenly_spaced
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import Image
+from stereo_seecolor.records import Array, Image
 
 GRAY = 0.01
 """Of full scale: median difference of the channels of a side without color. JPEGs of gray images
@@ -91,24 +90,24 @@ def _has_color(images: DiveImages, path: Path) -> bool:
     return _differ(_some_pixels(images, path))
 
 
-def _differ(pixels: NDArray[np.float64]) -> bool:
+def _differ(pixels: Array) -> bool:
     return bool(np.median(np.ptp(pixels, axis=1)) > GRAY)
 
 
-def _is_tinted_gray(left: NDArray[np.float64], images: DiveImages, right: Path) -> bool:
+def _is_tinted_gray(left: Array, images: DiveImages, right: Path) -> bool:
     """Tell whether the channels of the left image (n, 3) differ by a factor alone, and not those of
     the right one.
     """
     return _apart(left) <= TINTED and _apart(_some_pixels(images, right)) >= 2 * TINTED
 
 
-def _apart(pixels: NDArray[np.float64]) -> float:
+def _apart(pixels: Array) -> float:
     """Median difference of the channels, each divided by its mean."""
     means = np.maximum(pixels.mean(axis=0), TINTED)
     return float(np.median(np.ptp(pixels * means.mean() / means, axis=1)))
 
 
-def _some_pixels(images: DiveImages, path: Path) -> NDArray[np.float64]:
+def _some_pixels(images: DiveImages, path: Path) -> Array:
     """(n, 3) of full scale."""
     image = images.thinned(path)
     return image.reshape(-1, 3) / np.iinfo(image.dtype).max

@@ -9,7 +9,7 @@ from calibration.errors import counted
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import LoggedReport
-from stereo_seecolor.cli.text import lines
+from stereo_seecolor.cli.text import duration, lines
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.inspect import Inspection
@@ -120,10 +120,6 @@ def _measured_lines(measured: "SampleMeasures") -> list[str]:
         f"the pixels; {measured.ground_resolution_m * 1000:.2f} mm a pixel",
         f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the "
         "corners",
-        f"a run takes about {_duration(measured.seconds)} here and "
+        f"a run takes about {duration(measured.seconds)} here and "
         f"{measured.disk_bytes / 1e9:.2f} GB of disk",
     ]
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"

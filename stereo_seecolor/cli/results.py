@@ -59,7 +59,7 @@ def calibration_content(result: "CalibrationResult") -> Content:
 
 def check_content(result: "CheckResult") -> Content:
     """The content of a calibration tested on a dive."""
-    rows = result.rows
+    rows, refined = result.rows, result.refined
     return {
         "rig": result.rig,
         "suspicions": result.suspicions,
@@ -67,17 +67,11 @@ def check_content(result: "CheckResult") -> Content:
         "rows": rows,
         "acceptable": result.acceptable,
         "advice": rows.advice,
-        "refined": _refined_content(result),
-    }
-
-
-def _refined_content(result: "CheckResult") -> Content | None:
-    if result.refined is None:
-        return None
-    refined = result.refined
-    return {
-        "file": result.refined_file,
-        "vertical_disparity_px": refined.before_px,
-        "vertical_disparity_refined_px": refined.after_px,
-        "movements": refined.movements,
+        "refined": refined
+        and {
+            "file": result.refined_file,
+            "vertical_disparity_px": refined.before_px,
+            "vertical_disparity_refined_px": refined.after_px,
+            "movements": refined.movements,
+        },
     }

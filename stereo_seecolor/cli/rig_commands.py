@@ -180,14 +180,7 @@ def convert_calib(
         f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm",
         *(f"note: {note}" for note in result.notes),
     ]
-    content = {
-        "source": source,
-        "out": out,
-        "format": to,
-        "baseline_m": result.baseline_m,
-        "notes": list(result.notes),
-    }
-    report.end(content, lines(*output))
+    report.end(vars(result), lines(*output))
 
 
 def calibration_text(result: "CalibrationResult") -> str:

@@ -34,17 +34,14 @@ def describe_frames(folder: RunFolder) -> None:
         stage = folder.frames.finished("corrected", point.name, record.stages["corrected"].key)
         if stage is None:
             continue  # somebody changed a file of it
-        files = {
-            path: (folder.root / path).read_bytes()
-            for product, path in stage.outputs.items()
-            if product in PICTURES
-        }
-        changed = {
-            path: with_gps(content, gps_tags(point, made.origin)) for path, content in files.items()
-        }
-        folder.frames.rewrite(
-            record, {path: content for path, content in changed.items() if content != files[path]}
-        )
+        changed = dict[str, bytes]()
+        for product, path in stage.outputs.items():
+            if product in PICTURES:
+                content = (folder.root / path).read_bytes()
+                described = with_gps(content, gps_tags(point, made.origin))
+                if described != content:
+                    changed[path] = described
+        folder.frames.rewrite(record, changed)
 
 
 def with_gps(content: bytes, gps: dict[int, object]) -> bytes:

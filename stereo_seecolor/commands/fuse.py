@@ -1,6 +1,6 @@
 """``fuse``: fuse the frames of a finished run into one map."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -94,23 +94,21 @@ def fuse(
             )
         return_freed()
         describe_frames(folder)
-    warnings = (
-        *summary.warnings,
-        *_stall_warning(run.stalled),
-        *_kept_aside(folder),
-        *_stopped(run),
-    )
+    warnings = (*summary.warnings, *_warnings(run, folder))
     return replace(summary.moved(building, out / MAP), warnings=warnings)
 
 
-def _stall_warning(stalled: Sequence[str]) -> tuple[str, ...]:
-    if not stalled:
-        return ()
-    what = (
-        f"{counted(len(stalled), 'frame')} with an image of the previous frame, the first: "
-        f"{stalled[0]}"
-    )
-    return (f"{what}: a camera stalled, or files were copied: left out of track and map",)
+def _warnings(run: FinishedRun, folder: RunFolder) -> Iterator[str]:
+    """What a user should know of the run and the folder of a map."""
+    if run.stalled:
+        yield (
+            f"{counted(len(run.stalled), 'frame')} with an image of the previous frame, the first: "
+            f"{run.stalled[0]}: a camera stalled, or files were copied: left out of track and map"
+        )
+    for path in folder.owned.set_aside:
+        yield f"{path}: was in the earlier map, but this program did not write it; it is kept here"
+    if run.state != "complete":
+        yield "the run was stopped: pairs that it did not process are not in the map"
 
 
 def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
@@ -132,16 +130,3 @@ def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
         listener.advance(FrameRow(f"{done}"))
 
     return progress
-
-
-def _kept_aside(folder: RunFolder) -> tuple[str, ...]:
-    return tuple(
-        f"{path}: was in the earlier map, but this program did not write it; it is kept here"
-        for path in folder.owned.set_aside
-    )
-
-
-def _stopped(run: FinishedRun) -> tuple[str, ...]:
-    if run.state == "complete":
-        return ()
-    return ("the run was stopped: pairs that it did not process are not in the map",)

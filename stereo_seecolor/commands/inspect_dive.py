@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration import Rectification, StereoRig
 from calibration.verification.same_scene import images_overlap
@@ -21,7 +20,7 @@ from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.matching.image_texture import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import FrameResult, Image, StereoFrame
+from stereo_seecolor.records import Array, FrameResult, Image, StereoFrame
 from stereo_seecolor.run_folder.pair_files import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
@@ -185,7 +184,7 @@ def _center_to_corner(images: Sequence[Image]) -> float:
     return float(middle.mean() / max(float(np.mean([corner.mean() for corner in corners])), 1e-6))
 
 
-def _small(image: Image) -> NDArray[np.float64]:
+def _small(image: Image) -> Array:
     """Green in linear light, (24, 32)."""
     green = decode_srgb(image[..., 1].astype(np.float64) / np.iinfo(image.dtype).max)
     return np.asarray(cv2.resize(green, (32, 24), interpolation=cv2.INTER_AREA))

@@ -73,8 +73,7 @@ def run(
         SeeColorError: For what concerns the whole dive.
         CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
-    left, right, out = Path(left), Path(right), Path(out)
-    return run_inputs(StereoInputs(left, right, calib), out, config, options)
+    return run_inputs(StereoInputs(Path(left), Path(right), calib), Path(out), config, options)
 
 
 @one_thread_in_products()
@@ -161,11 +160,9 @@ def range_maps(
         SeeColorError: For what concerns the whole dive.
         CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
-    left, right, out = Path(left), Path(right), Path(out)
-    inputs = StereoInputs(left, right, calib)
-    with stereo_run(
-        inputs, out, config or RunConfig(), options or RunOptions(), "range", ("ranges",)
-    ) as run:
+    inputs = StereoInputs(Path(left), Path(right), calib)
+    config, options = config or RunConfig(), options or RunOptions()
+    with stereo_run(inputs, Path(out), config, options, "range", ("ranges",)) as run:
         measure_ranges(run)
     return run.summary
 
@@ -252,12 +249,11 @@ def rectify(
         SeeColorError: For what concerns the whole dive.
         CalibrationError: For a calibration that cannot be read or does not fit the images.
     """
-    left, right, out = Path(left), Path(right), Path(out)
     config, options = config or RunConfig(), options or RunOptions()
-    inputs = StereoInputs(left, right, calib)
+    inputs = StereoInputs(Path(left), Path(right), calib)
     before = inputs.open_first(config)
     request = folder_request(inputs.owner("rectify", before), config, options, inputs.paths)
-    with RunFolder(out, request) as folder:
+    with RunFolder(Path(out), request) as folder:
         opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pipeline = opened.pipeline
         with run_session(

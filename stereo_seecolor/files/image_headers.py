@@ -212,36 +212,32 @@ def tiff_numbers(content: bytes) -> dict[int, int]:
 
     Raises struct.error if it is cut.
     """
-    return _tiff_directory(
-        content, struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)[0]
-    )[0]
+    return next(_tiff_directories(content), {})
 
 
 def tiff_pages(content: bytes) -> int:
     """The number of pictures of a TIFF, without previews and masks; of a cut one, those before."""
-    count, seen = 0, set()
-    try:
-        (directory,) = struct.unpack_from("<I" if content[:1] == b"I" else ">I", content, 4)
-        while directory and directory not in seen:
-            seen.add(directory)
-            tags, directory = _tiff_directory(content, directory)
+    count = 0
+    with suppress(struct.error):
+        for tags in _tiff_directories(content):
             count += not tags.get(TIFF_SUBFILE, 0) & TIFF_NOT_A_PAGE
-    except struct.error:
-        pass
     return count
 
 
-def _tiff_directory(content: bytes, directory: int) -> tuple[dict[int, int], int]:
-    """The numbers of the directory there, and the next one's place or 0. Raises struct.error."""
-    order = "<" if content[:1] == b"I" else ">"
-    (count,) = struct.unpack_from(order + "H", content, directory)
-    numbers, end = {}, directory + 2 + 12 * count
-    for place in range(directory + 2, end, 12):
-        tag, kind, length = struct.unpack_from(order + "HHI", content, place)
-        short = kind == TIFF_SHORT and length == 1
-        (numbers[tag],) = struct.unpack_from(order + ("H" if short else "I"), content, place + 8)
-    following = struct.unpack_from(order + "I", content, end)[0] if len(content) >= end + 4 else 0
-    return numbers, following
+def _tiff_directories(content: bytes) -> Iterator[dict[int, int]]:
+    """The numbers of each directory, the first page's first. Raises struct.error for a cut one."""
+    order, seen = "<" if content[:1] == b"I" else ">", {0}  # after the last one
+    (directory,) = struct.unpack_from(order + "I", content, 4)
+    while directory not in seen:
+        seen.add(directory)
+        (count,) = struct.unpack_from(order + "H", content, directory)
+        numbers, end = {}, directory + 2 + 12 * count
+        for place in range(directory + 2, end, 12):
+            tag, kind, length = struct.unpack_from(order + "HHI", content, place)
+            value = "H" if kind == TIFF_SHORT and length == 1 else "I"
+            (numbers[tag],) = struct.unpack_from(order + value, content, place + 8)
+        yield numbers
+        (directory,) = struct.unpack_from(order + "I", content, end)
 
 
 def _bmp_size(content: bytes) -> tuple[int, int]:

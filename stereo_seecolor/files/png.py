@@ -62,11 +62,5 @@ def _file(pixels: NDArray[np.generic], data: bytes, chunks: Chunks) -> bytes:
 
 def png_chunk(kind: bytes, content: bytes) -> bytes:
     """A chunk of a PNG, with its length and its checksum."""
-    return b"".join(
-        [
-            struct.pack(">I", len(content)),
-            kind,
-            content,
-            struct.pack(">I", zlib.crc32(content, zlib.crc32(kind))),
-        ]
-    )
+    head, checksum = struct.pack(">I", len(content)) + kind, zlib.crc32(content, zlib.crc32(kind))
+    return b"".join([head, content, struct.pack(">I", checksum)])

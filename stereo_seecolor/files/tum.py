@@ -3,11 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import quaternion
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import Array, Trajectory
 
 _HEADER = "# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world, meters"
 
@@ -29,5 +28,5 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 
-def _numbers(T: NDArray[np.float64]) -> NDArray[np.float64]:
+def _numbers(T: Array) -> Array:
     return np.concatenate([T[:3, 3], quaternion(T[:3, :3])])

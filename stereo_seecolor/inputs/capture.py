@@ -66,9 +66,12 @@ def orientation(content: bytes) -> int:
 
 def focal_mm(content: bytes) -> float | None:
     """The focal length that EXIF states. ``content``: the beginning of a file is enough."""
+    return _positive_capture(_details(content).get(ExifTags.Base.FocalLength))
+
+
+def _details(content: bytes) -> _Tags:
     nothing: _Tags = {}
-    tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)
-    return _positive_capture(tags.get(ExifTags.Base.FocalLength))
+    return _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)
 
 
 MOST_ZOOM = 100.0
@@ -93,8 +96,7 @@ def framing(content: bytes, size: tuple[int, int]) -> str:
     """How a picture of ``size`` was made from the sensor's, as far as the file's metadata say, such
     as "has a digital zoom of 1.5"; "" if they say nothing.
     """
-    nothing: _Tags = {}
-    tags = _from_exif(content, lambda exif: exif.get_ifd(ExifTags.IFD.Exif), nothing)
+    tags = _details(content)
     zoom = _positive_capture(tags.get(ExifTags.Base.DigitalZoomRatio)) or 1.0
     if 1.0 < zoom < MOST_ZOOM:
         return f"has a digital zoom of {zoom:g}"

@@ -1,32 +1,21 @@
 """The constant difference of two never synchronized cameras' clocks, from time stamps."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Array
 
-
-@dataclass(frozen=True)
-class OffsetLimits:
-    """When a difference is accepted.
-
-    least_pairs: fewer fit some difference by chance. fitting: fraction of the images of the side
-    that has fewer. more_tried: so many images may be missing at the start of either side, beside
-    those that the other side has more. near: tolerances from a first difference, which one pair
-    gives with its own error, within which others improve it.
-    """
-
-    least_pairs: int = 3
-    fitting: float = 0.8
-    more_tried: int = 3
-    near: float = 5.0
-    most_tried: int = 100
-
-
-LIMITS = OffsetLimits()
+LEAST_PAIRS, FITTING = 3, 0.8
+"""Fewer fit some difference by chance; and fraction of the images of the side that has fewer."""
+MORE_TRIED, MOST_TRIED = 3, 100
+"""So many images may be missing at the start of either side, beside those that the other side has
+more; and at most.
+"""
+NEAR = 5.0
+"""Tolerances from a first difference, which one pair gives with its own error, within which others
+improve it.
+"""
 DRIFT_PAIRS = 4
 """Pairs needed to speak of drift between the medians of the first and last quarter."""
 
@@ -46,17 +35,17 @@ def clock_offset_s(
     """
     left, right = np.asarray(left_s), np.asarray(right_s)
     fewer = min(left.size, right.size)
-    if fewer < LIMITS.least_pairs:
+    if fewer < LEAST_PAIRS:
         return None
-    tried = min(abs(left.size - right.size) + LIMITS.more_tried, LIMITS.most_tried)
+    tried = min(abs(left.size - right.size) + MORE_TRIED, MOST_TRIED)
     by_one_pair = (*(right[:tried] - left[0]), *(right[0] - left[1:tried]))
-    shifts = [_improved(left, right, shift, LIMITS.near * tolerance_s) for shift in by_one_pair]
+    shifts = [_improved(left, right, shift, NEAR * tolerance_s) for shift in by_one_pair]
     counts = [
         np.count_nonzero(np.abs(_to_nearest(left + shift, right)) <= tolerance_s)
         for shift in shifts
     ]
     best = int(np.argmax(counts))
-    return None if counts[best] < max(LIMITS.least_pairs, LIMITS.fitting * fewer) else shifts[best]
+    return None if counts[best] < max(LEAST_PAIRS, FITTING * fewer) else shifts[best]
 
 
 def _improved(left: Array, right: Array, shift_s: float, near_s: float) -> float:

@@ -1,10 +1,9 @@
 """How images store pixels: color filter patterns, and 10, 12 or 14 bits unshifted."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from statistics import mode
-from typing import Literal
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -13,7 +12,7 @@ from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair
 
-UNSHIFTED: tuple[Literal[10, 12, 14], ...] = (10, 12, 14)
+UNSHIFTED = (10, 12, 14)
 """Bits of the sensors whose values lie at the lower end of 16-bit files."""
 
 
@@ -52,9 +51,11 @@ def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputCon
     facts = list(found.values())
     update: dict[str, object] = {}
     if config.significant_bits == "auto":
-        update["significant_bits"] = _used_bits(facts)
+        most = max((one.used_bits for one in facts), default=0)
+        update["significant_bits"] = most if most in UNSHIFTED else None
     if config.bayer == "auto":
-        update["bayer"] = _pattern_of_dive([one.bayer for one in facts])
+        patterns = [one.bayer for one in facts]  # that of most images, where all show one
+        update["bayer"] = mode(patterns) if patterns and "none" not in patterns else "none"
     return config.model_copy(update=update)
 
 
@@ -71,13 +72,3 @@ def stored_notes(given: InputConfig, config: InputConfig) -> tuple[str, ...]:
             f"input: the 16-bit images hold {config.significant_bits} bits, which are scaled to 16"
         )
     return tuple(notes)
-
-
-def _pattern_of_dive(found: Sequence[str]) -> str:
-    """What most images show, where all show one."""
-    return mode(found) if found and "none" not in found else "none"
-
-
-def _used_bits(facts: Iterable[ImageFacts]) -> Literal[None, 10, 12, 14]:
-    most = max((one.used_bits for one in facts), default=0)
-    return next((bits for bits in UNSHIFTED if bits == most), None)

@@ -11,24 +11,13 @@ from stereo_seecolor.files.camera_images import decode_raw
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.records import is_monochrome
 
-
-@dataclass(frozen=True)
-class MosaicLimits:
-    """Decides what is a Bayer mosaic, by medians over blocks of means of one place of the pattern,
-    as a fraction of their mean.
-
-    colors, times_greens: by how much red or blue differs from green at least, and how many times as
-    much as the two greens from each other. Real frames as mosaics: 0.07 to 0.10 of a strobe-lit
-    reef (7 to 10 times the greens), 0.39 to 0.80 by daylight (30 and more); the same in gray: 0.001
-    to 0.007, through strong noise up to 0.06, never over 1.4 times.
-    """
-
-    block_px: int = 32
-    colors: float = 0.04
-    times_greens: float = 4.0
-
-
-LIMITS = MosaicLimits()
+BLOCK_PX, COLORS, TIMES_GREENS = 32, 0.04, 4.0
+"""What is a Bayer mosaic, by medians over blocks of means of one place of the pattern, as a
+fraction of their mean: by how much red or blue differs from green at least, and how many times as
+much as the two greens from each other. Real frames as mosaics: 0.07 to 0.10 of a strobe-lit reef
+(7 to 10 times the greens), 0.39 to 0.80 by daylight (30 and more); the same in gray: 0.001 to
+0.007, through strong noise up to 0.06, never over 1.4 times.
+"""
 
 
 @dataclass(frozen=True)
@@ -72,7 +61,7 @@ def _pattern(pixels: NDArray[np.generic]) -> str:
     """
     height, width = (size // 2 * 2 for size in pixels.shape)
     values = pixels[:height, :width].astype(np.float32)
-    blocks = max(width // LIMITS.block_px, 1), max(height // LIMITS.block_px, 1)
+    blocks = max(width // BLOCK_PX, 1), max(height // BLOCK_PX, 1)
     places = np.stack(
         [
             cv2.resize(values[y::2, x::2], blocks, interpolation=cv2.INTER_AREA)
@@ -85,7 +74,7 @@ def _pattern(pixels: NDArray[np.generic]) -> str:
     greens, others = ((b, c), (a, d)) if green_outside else ((a, d), (b, c))
     apart = float(np.median(np.abs(greens[0] - greens[1])))
     colored = max(float(np.median(np.abs(other - (greens[0] + greens[1]) / 2))) for other in others)
-    if colored < max(LIMITS.colors, LIMITS.times_greens * apart):
+    if colored < max(COLORS, TIMES_GREENS * apart):
         return "none"
     red_first = others[0].mean() < others[1].mean()
     return ("rggb" if red_first else "bggr") if green_outside else ("grbg" if red_first else "gbrg")

@@ -26,7 +26,7 @@ from stereo_seecolor.files.image_headers import (
 )
 from stereo_seecolor.files.raw_arrays import PARSING
 from stereo_seecolor.files.whole_files import read_bytes
-from stereo_seecolor.records import Map
+from stereo_seecolor.records import Map, Mask
 
 FARTHEST_SCENE_M, NEAREST_SCENE_M = 100.0, 0.03
 """No camera sees farther than this under water, or has a scene nearer."""
@@ -218,7 +218,7 @@ def _tiff(content: bytes, path: Path) -> NDArray[Any]:
     return values
 
 
-def _below_top(values: NDArray[Any], known: NDArray[np.bool_], path: Path) -> NDArray[np.bool_]:
+def _below_top(values: NDArray[Any], known: Mask, path: Path) -> Mask:
     """Where values do not mark what is unknown: the largest that 16 bits hold, far above all
     others.
 

@@ -197,36 +197,30 @@ def _both_in_each(images: Iterable[Path]) -> Sides | None:
 
 def _in_one_folder(folder: Path) -> Sides:
     """Patterns for the two sides of one folder: names that differ not in numbers alone."""
-    shapes = Counter(
-        _NUMBER.sub(lambda found: found["side"] or "*", path.name)
-        for path in list_images(folder, "images").files
-    )
-    patterns = {folder / shape: count for shape, count in shapes.items()}
-    first = list_images(folder, "images").files[0]
-    if len(patterns) < 2 and holds_floats(first):
+    files = list_images(folder, "images").files
+    shapes = Counter(_NUMBER.sub(lambda found: found["side"] or "*", path.name) for path in files)
+    if len(shapes) > 1:
+        return _best_pair({folder / shape: count for shape, count in shapes.items()})
+    if holds_floats(files[0]):
         raise InputError(
             f"{folder}: holds floating-point numbers, no images: if these are range maps in "
             f"meters, run: stereo-seecolor correct --images IMAGES --range {quote(str(folder))}"
         )
-    if len(patterns) < 2 and (side := side_of(folder.name)):
+    if side := side_of(folder.name):
         raise InputError(
             f"{folder}: holds the {side} images only: give the folder of the other side, too, or "
             "the folder that contains both"
         )
-    if len(patterns) < 2 and _shows_both(folder):
+    if _shows_both(files[0]):
         return Sides(folder, folder)
-    if len(patterns) < 2:
-        fix = "move the left and the right images into separate folders"
-        raise InputError(
-            f"{folder}: holds all images in one folder, and no name shows its side: {fix}"
-        )
-    return _best_pair(patterns)
+    fix = "move the left and the right images into separate folders"
+    raise InputError(f"{folder}: holds all images in one folder, and no name shows its side: {fix}")
 
 
-def _shows_both(folder: Path) -> bool:
+def _shows_both(first: Path) -> bool:
     """Whether each image may show both sides, by the shape of the first."""
     try:
-        width, height = image_size(read_image_bytes(list_images(folder, "images").files[0]))
+        width, height = image_size(read_image_bytes(first))
     except (InputError, ValueError):
         return False
     return width >= WIDEST * height or height > width

@@ -46,9 +46,8 @@ def stated_encoding(path: Path) -> Stated | None:
         if profile := image.info.get("icc_profile"):
             return profile_encoding(profile)
         exif = image.getexif()
-        if "srgb" in image.info or exif.get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB:
-            return "encoded"
-        if _is_adobe_rgb(exif):
+        is_srgb = "srgb" in image.info or exif.get_ifd(EXIF_IFD).get(COLOR_SPACE) == SRGB
+        if is_srgb or _is_adobe_rgb(exif):
             return "encoded"
     return None
 

@@ -96,9 +96,5 @@ def pixels(frame: Any) -> NDArray[Any]:
     ).to_ndarray()
     if deep:
         rgb = np.minimum(np.rint(rgb * np.float32(FULL_16)), 65535).astype(np.uint16)
-    return upright(rgb, frame)
-
-
-def upright(image: NDArray[Any], frame: Any) -> NDArray[Any]:
-    """An image of a frame, turned as the file says that players are to turn it."""
-    return np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90)))
+    # as the file says that players are to turn it
+    return np.ascontiguousarray(np.rot90(rgb, round(frame.rotation / 90)))

@@ -16,14 +16,13 @@ from calibration.formats import load_rig, write_rig
 from calibration.verification.causes import find_causes
 from calibration.verification.motion import (
     changes_in_time,
-    find_couples,
-    find_motion,
+    couple_of,
     motion_of,
 )
 from calibration.verification.motion_result import Motion
 from calibration.verification.rigid_motion import OFFSET, SeenTwice, fit_motions
 from stereo_seecolor.checks.changes import DiveChange
-from stereo_seecolor.checks.rig import check_rig, matches_of
+from stereo_seecolor.checks.rig import check_rig, couples_of, matches_of
 from stereo_seecolor.checks.sample import neighbors
 from stereo_seecolor.commands.check import check
 from stereo_seecolor.commands.rig_loading import pairs_of
@@ -218,8 +217,7 @@ def test_a_couple_that_holds_no_motion_does_not_hide_the_others() -> None:
 def test_images_without_texture_tell_nothing() -> None:
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
     flat = np.full(rectification.raw_size[::-1], 90, np.uint8)
-    couples = find_couples(rectification, [[(flat, flat), (flat, flat)]] * 3)
-    assert find_motion(couples, rectification.matching_pair).couples == 0
+    assert couple_of(rectification, [(flat, flat), (flat, flat)]) is None
 
 
 @pytest.mark.slow
@@ -265,7 +263,7 @@ def test_a_yaw_is_not_taken_for_another_lens() -> None:
         pairs_of(REEF / "left", REEF / "right", InputConfig()).pairs,
     )
     found = matches_of(rectification, pairs[::3], InputConfig()).matches.values()
-    couples = list(find_couples(rectification, neighbors(pairs, InputConfig())))
+    couples = couples_of(rig, pairs, InputConfig())
     best = find_causes(rig, list(found), couples).best
     assert best and "(yaw)" in best.text and best.is_wrong
     assert best.range_error == pytest.approx(-0.09, abs=2 * best.range_std)

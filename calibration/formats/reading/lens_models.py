@@ -8,33 +8,21 @@ to pixels. Sources: Mei and Rives 2007 (omni), Usenko et al. 2018, *The Double S
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
+from calibration.geometry import Array
 from calibration.rig import Camera, CameraModel
 
-Array = NDArray[np.float64]
 Plane = Callable[[Array], Array]
 Size = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class FitLimits:
-    """Decides where another model may stand for a lens."""
-
-    # anywhere in the image: a fifth of what calibrations of such lenses leave
-    error_px: float = 0.1
-    # from the axis: beyond the corners of all lenses that are used for stereo
-    widest_deg: float = 110.0
-    pinhole_deg: float = 80.0  # a plane image reaches no farther
-    steps: tuple[int, int] = (111, 24)  # from the axis, and around it
-
-
-LIMITS = FitLimits()
+# of a model that stands for a lens, anywhere in the image: a fifth of what calibrations leave
+MAX_ERROR_PX = 0.1
+WIDEST_DEG = 110.0  # from the axis: beyond the corners of all lenses that are used for stereo
+PINHOLE_DEG = 80.0  # a plane image reaches no farther
+STEPS = (111, 24)  # from the axis, and around it
 
 
 def omni(xi: float, distortion: Array) -> Plane:
@@ -103,13 +91,13 @@ def fitted_camera(where: str, plane: Plane, K: Array, size: Size, name: str) -> 
         )
         seen &= (m * d[:, :2]).sum(axis=1) > 0
     fits: list[tuple[float, CameraModel, Array]] = []
-    for model, widest in (("pinhole", LIMITS.pinhole_deg), ("fisheye", LIMITS.widest_deg)):
-        if seen.sum() > LIMITS.steps[1] and np.degrees(angle[seen]).max() <= widest:
+    for model, widest in (("pinhole", PINHOLE_DEG), ("fisheye", WIDEST_DEG)):
+        if seen.sum() > STEPS[1] and np.degrees(angle[seen]).max() <= widest:
             fits.append(_fit(d[seen], m[seen], model, K))  # type: ignore[arg-type]
     error_px, model, terms = min(
         fits, key=lambda fit: fit[0], default=(np.inf, "pinhole", np.zeros(0))
     )
-    if error_px > LIMITS.error_px:
+    if error_px > MAX_ERROR_PX:
         raise CalibrationError(
             f"{where}: no supported lens model agrees with this {name} better than "
             f"{error_px:.2f} px: calibrate with pinhole or equidistant"
@@ -120,8 +108,8 @@ def fitted_camera(where: str, plane: Plane, K: Array, size: Size, name: str) -> 
 
 def _directions() -> tuple[Array, Array]:
     """Unit vectors (n, 3) over more than half a sphere, and their angles (n,) from the axis."""
-    steps, turns = LIMITS.steps
-    angle = np.repeat(np.radians(np.linspace(0.5, LIMITS.widest_deg, steps)), turns)
+    steps, turns = STEPS
+    angle = np.repeat(np.radians(np.linspace(0.5, WIDEST_DEG, steps)), turns)
     around = np.tile(np.linspace(0, 2 * np.pi, turns, endpoint=False), steps)
     return np.column_stack(
         [np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.reading.aliases import METERS, words_for
@@ -25,10 +24,10 @@ from calibration.formats.reading.leaves import Leaf, texts, words
 from calibration.formats.reading.section import Section
 from calibration.formats.reading.units import to_meters
 from calibration.formats.ros import transform_of_projections
+from calibration.geometry import Array
 from calibration.rig import MAX_BASELINE_M
 from calibration.transforms import inverse, is_backward, rigid_transform, rotation_from_quaternion
 
-Array = NDArray[np.float64]
 LEAST_MM = 20.0
 """A baseline of this number or more cannot be in meters, centimeters or board squares:
 stereoCalibrate was given millimeters.

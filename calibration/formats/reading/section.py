@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
+from calibration.errors import SIZE_MISSING, CalibrationError, SizeMissingError
 
 
 @contextmanager
@@ -65,10 +65,13 @@ class Section:
         return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
 
     def listed(self, key: str, *wanted: str) -> list["Section"]:
-        """The mappings in the list under ``key``; none where one lacks all of the wanted keys."""
+        """The mappings in the list under ``key``; none where one lacks all of the wanted keys, if
+        there are any.
+        """
         entries = self.content.get(key)
         if not isinstance(entries, list) or not all(
-            isinstance(one, Mapping) and any(name in one for name in wanted) for one in entries
+            isinstance(one, Mapping) and (not wanted or any(name in one for name in wanted))
+            for one in entries
         ):
             return []
         return [Section(f"{self.where}: {key}: {i}", entry) for i, entry in enumerate(entries)]
@@ -80,8 +83,10 @@ class Section:
             raise CalibrationError(f"{self.where}: {key}: expected a word, got {_shown(value)}")
         return value.strip()
 
-    def number(self, key: str) -> float:
-        """The one finite number under ``key``."""
+    def number(self, key: str, default: float | None = None) -> float:
+        """The one finite number under ``key``; the default, if there is one, where it is absent."""
+        if default is not None and not self.has(key):
+            return default
         return float(self.numbers(key, 1)[0])
 
     def image_size(self, *keys: str) -> tuple[int, int]:
@@ -93,6 +98,12 @@ class Section:
                 f"{values.tolist()}"
             )
         return int(values[0]), int(values[1])
+
+    def needed_size(self, image_size: tuple[int, int] | None) -> tuple[int, int]:
+        """The given image size, of a file that stores none. Raises SizeMissingError without it."""
+        if image_size is None:
+            raise SizeMissingError(f"{self.where}: {SIZE_MISSING}")
+        return image_size
 
     def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
         """Read (n,) finite numbers under ``key``: a number, list, rows, or matrix with ``data``.

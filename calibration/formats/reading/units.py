@@ -3,9 +3,9 @@ doubt becomes a warning.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.formats.reading.aliases import METERS
+from calibration.geometry import Array
 from calibration.rig import MAX_BASELINE_M, MIN_BASELINE_M, Camera, StereoRig
 from calibration.transforms import rigid_transform
 
@@ -20,9 +20,7 @@ GUESSES = (
 """
 
 
-def to_meters(
-    translation: NDArray[np.float64], stated: str | None
-) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+def to_meters(translation: Array, stated: str | None) -> tuple[Array, tuple[str, ...]]:
     """Convert a translation (3,) to meters; return it with a warning, if its unit is doubtful.
 
     stated: the unit that the file names, None where it names none. Where the baseline in that unit
@@ -47,7 +45,7 @@ def to_meters(
 
 
 def rig_in_meters(
-    left: Camera, right: Camera, T: NDArray[np.float64], stated: str | None, reading: str = ""
+    left: Camera, right: Camera, T: Array, stated: str | None, reading: str = ""
 ) -> StereoRig:
     """The rig of a transform (4, 4) whose translation is in the file's unit, with its doubts."""
     shift, doubts = to_meters(T[:3, 3], stated)

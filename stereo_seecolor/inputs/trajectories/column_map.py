@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
@@ -27,9 +26,7 @@ from stereo_seecolor.inputs.trajectories.vehicle_track import (
     from_degrees,
     step_of,
 )
-from stereo_seecolor.records import Trajectory
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import Mask, Trajectory
 
 ROLES = {
     "name": "the image's file name",
@@ -378,7 +375,7 @@ def _check_degrees(table: Table, values: Mapping[str, Column]) -> None:
     latitude_deg[(latitude_deg == 0) & (longitude_deg == 0)] = np.nan
 
 
-def _not_valid(table: Table, columns: Mapping[str, str]) -> NDArray[np.bool_]:
+def _not_valid(table: Table, columns: Mapping[str, str]) -> Mask:
     """Rows that say that their position is unknown, also in an unmapped column."""
     column = columns.get("valid") or guessed(table.lines).get("valid", "")
     return np.array([text.lower() in _NOT_VALID for text in table.text(column.lower())], dtype=bool)

@@ -55,6 +55,7 @@ _OWNERS = (
     ("gps", "vfr", "hud", "raw"),
 )
 """Whose a number is, the one to be taken first. What lies on a ship (``ship_lat``) is not taken."""
+_OWNER_WORDS = {word for own in _OWNERS for word in own}
 _UNITS = {
     **METERS,
     "deg": 1.0, "degree": 1.0, "degrees": 1.0, "cdeg": 0.01, "wgs": 1.0,
@@ -94,12 +95,12 @@ def named(name: str) -> ColumnRole | None:
     bare = [word for word in said if word not in _UNITS or said == [word]]
     owners = [rank for rank, own in enumerate(_OWNERS) for word in bare if word in own]
     for phrase_role, phrases in _PHRASES.items():
-        if any(set(bare) - _owner_words() == phrase - _owner_words() for phrase in phrases):
+        if any(set(bare) - _OWNER_WORDS == phrase - _OWNER_WORDS for phrase in phrases):
             return ColumnRole(phrase_role, max(owners, default=0))
     roles = [_ROLE_OF[word] for word in bare if word in _ROLE_OF and word not in ("utc", "epoch")]
     roles = roles or [_ROLE_OF[word] for word in bare if word in _ROLE_OF]
     for role in dict.fromkeys(roles):
-        beside = {*_BESIDE.get(role, "").split(), *_owner_words(), *_WORDS[role].split()}
+        beside = {*_BESIDE.get(role, "").split(), *_OWNER_WORDS, *_WORDS[role].split()}
         if all(word in beside for word in bare):
             return ColumnRole(role, max(owners, default=0))
     return None
@@ -122,7 +123,3 @@ def roles_of(names: Iterable[str]) -> dict[str, str]:
         if last.keys() >= set(parts):
             found["time"] = (0, " ".join(last[part] for part in parts))
     return {role: name for role, (_, name) in found.items()}
-
-
-def _owner_words() -> set[str]:
-    return {word for own in _OWNERS for word in own}

@@ -5,12 +5,9 @@ time of its first row, and positions are linear in time between two.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.errors import counted
-from stereo_seecolor.records import NEAR_FIX
-
-Array = NDArray[np.float64]
+from stereo_seecolor.records import NEAR_FIX, Array
 
 LEAST_HELD, HELD = 3, 0.5
 """Rows with one position, and the fraction of such, of a receiver that repeats its last fix."""

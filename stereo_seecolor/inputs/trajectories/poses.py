@@ -10,14 +10,13 @@ without times; line i is frame i.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rigid_transform, rotation_from_quaternion
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number, read_lines
 from stereo_seecolor.inputs.trajectories.times import seconds
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import Array, Trajectory
 
 
 def is_tum(lines: Lines) -> bool:
@@ -32,7 +31,7 @@ def read_tum(lines: Lines, mount: MountConfig) -> Trajectory:
     return _named(trajectory_of(np.full(len(rows), np.nan), rows), lines, firsts)
 
 
-def _rows(lines: Lines, count: int, form: str) -> tuple[list[str], NDArray[np.float64]]:
+def _rows(lines: Lines, count: int, form: str) -> tuple[list[str], Array]:
     """What stands before the numbers of each line, "" where nothing does, and the numbers. form: of
     a line, for errors.
     """
@@ -62,7 +61,7 @@ def _named(poses: Trajectory, lines: Lines, firsts: list[str]) -> Trajectory:
     return replace(poses, timestamps_s=np.array(times))
 
 
-def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> Trajectory:
+def trajectory_of(times_s: Array, values: Array) -> Trajectory:
     """Make a trajectory of (N, 7) x y z qx qy qz qw.
 
     World z is up unless the first pose is the identity, which is then the world, with up unknown.

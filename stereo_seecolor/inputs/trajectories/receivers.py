@@ -244,24 +244,22 @@ def _moment(kind: str, fields: list[str]) -> datetime | None:
             day = datetime(int(fields[4]), int(fields[3]), int(fields[2]))
         else:
             day = datetime(2000 + int(fields[9][4:6]), int(fields[9][2:4]), int(fields[9][:2]))
-        return _at_clock(day, fields[1], near=False)
+        return day + _since_midnight(fields[1])
     except (ValueError, IndexError):
         return None
 
 
-def _at_clock(moment: datetime, clock: str, near: bool = True) -> datetime:
+def _at_clock(moment: datetime, clock: str) -> datetime:
     """The time of day hhmmss.ss on the day of a moment; of the day before or after where that is
     nearer to it.
     """
     midnight = moment.replace(hour=0, minute=0, second=0, microsecond=0)
-    seconds = int(clock[:2]) * 3600 + int(clock[2:4]) * 60 + float(clock[4:])
-    found = midnight + timedelta(seconds=seconds)
-    half = timedelta(hours=12)
-    if near and found - moment > half:
-        return found - 2 * half
-    if near and moment - found > half:
-        return found + 2 * half
-    return found
+    found = midnight + _since_midnight(clock)
+    return found + timedelta(days=round((moment - found) / timedelta(days=1)))
+
+
+def _since_midnight(clock: str) -> timedelta:
+    return timedelta(hours=int(clock[:2]), minutes=int(clock[2:4]), seconds=float(clock[4:]))
 
 
 def _sentences(lines: Lines, *names: str) -> list[tuple[int, re.Match[str]]]:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.transforms import rigid_transform, rotation_from_euler
 from stereo_seecolor.config import MountConfig
@@ -15,9 +14,9 @@ from stereo_seecolor.inputs.trajectories.axes import (
     mount_rotation,
     poses_from_ned,
 )
-from stereo_seecolor.records import GeoOrigin, Trajectory
+from stereo_seecolor.records import Array, GeoOrigin, Trajectory
 
-Column = NDArray[np.float64]
+Column = Array
 """(N,) float64, NaN = unknown."""
 
 
@@ -33,9 +32,9 @@ class VehicleTrack:
 
     names: tuple[str, ...]
     timestamps_s: Column
-    north_east_m: NDArray[np.float64]
+    north_east_m: Array
     depth_m: Column
-    attitude_deg: NDArray[np.float64]
+    attitude_deg: Array
     origin: GeoOrigin | None = None
     position_step_m: float = 0.0
 
@@ -72,9 +71,7 @@ def step_of(cells: Sequence[str], unit_m: float = METERS_PER_DEGREE) -> float:
     return float(unit_m * min(60.0 ** (1 - n) * 10.0**-d for n, d in digits))
 
 
-def from_degrees(
-    latitude_deg: Column, longitude_deg: Column
-) -> tuple[NDArray[np.float64], GeoOrigin]:
+def from_degrees(latitude_deg: Column, longitude_deg: Column) -> tuple[Array, GeoOrigin]:
     """Convert to meters north and east of the first known position, (N, 2); and that position."""
     known = np.flatnonzero(np.isfinite(latitude_deg) & np.isfinite(longitude_deg))
     first = int(known[0]) if known.size else 0
