@@ -9,22 +9,26 @@ from stereo_seecolor.checks.image_files import compression, cut_out, form
 from stereo_seecolor.checks.misplaced_maps import misplaced_maps
 from stereo_seecolor.checks.range_maps import disparities
 from stereo_seecolor.checks.sides_and_mosaics import gray_side, shifted_mosaic
+from stereo_seecolor.checks.verdict import Check
+
+_COMPRESSION = Check("strong compression", "the head of a file", compression)
+_FORM = Check("pages and palettes", "the head of a file", form)
 
 IMAGE_CHECKS = (
-    cut_out,  # reads the heads of 4 files
-    compression,  # one head
-    form,  # one head
-    changed_focal_lengths,  # the heads of 500 pairs
-    gray_side,  # 3 pairs
-    shifted_mosaic,  # 3 pairs
-    channel_order,  # 5 left images
-    order_of_sides,  # 3 pairs
+    Check("pictures cut out or zoomed", "the heads of 4 files", cut_out),
+    _COMPRESSION,
+    _FORM,
+    Check("focal lengths that EXIF says change", "heads of 500 pairs", changed_focal_lengths),
+    Check("a left side without color", "3 pairs", gray_side),
+    Check("mosaics read one column off", "3 pairs", shifted_mosaic),
+    Check("red and blue exchanged from a frame on", "5 left images", channel_order),
+    Check("red and blue exchanged between the sides", "3 pairs", order_of_sides),
 )
 """Of pairs of images, in the order of their notes."""
 RANGED_CHECKS = (
-    compression,
-    form,
-    disparities,  # 6 images and their maps
-    misplaced_maps,  # 6 images and 18 maps
+    _COMPRESSION,
+    _FORM,
+    Check("range maps that hold disparities", "6 images and their maps", disparities),
+    Check("range maps of another place", "6 images and 18 maps", misplaced_maps),
 )
 """Of images with range maps."""

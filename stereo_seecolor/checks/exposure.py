@@ -39,8 +39,10 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
     clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
     if clipped > CLIPPED_FRACTION:
         return (
-            f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color is "
-            "beyond recovery",
+            (
+                f"overexposed: {clipped:.0%} of the frame is clipped by the camera, and its color "
+                "is beyond recovery"
+            ),
         )
     return ()
 

@@ -1,4 +1,4 @@
-"""The results of checks of a dive."""
+"""The results of checks of a dive, and checks as one list."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -36,10 +36,15 @@ COLORS: frozenset[Numbers] = frozenset(("colors",))
 RANGES: frozenset[Numbers] = frozenset(("ranges",))
 
 
-Check = Callable[[DiveImages], DiveVerdict]
-"""A question that is asked of a dive's images."""
+@dataclass(frozen=True)
+class Check:
+    """A question that is asked of a dive's images. costs: what it reads."""
+
+    name: str
+    costs: str
+    find: Callable[[DiveImages], DiveVerdict]
 
 
 def verdict_of(checks: Iterable[Check], images: DiveImages) -> DiveVerdict:
     """What these checks find, in their order."""
-    return reduce(lambda found, check: check(images).after(found), checks, NOTHING_FOUND)
+    return reduce(lambda found, check: check.find(images).after(found), checks, NOTHING_FOUND)
