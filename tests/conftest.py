@@ -104,6 +104,7 @@ SLOW_FIXTURES = {
     "mapped_by_poses",
     "finished_demo",
     "fused_dive",
+    "dives",
     "flown_reef",
     "web",
 }
