@@ -309,10 +309,13 @@ def _settled(
     if not (notes or by_counter) and config.pairing != "name":
         matching.say_how_far(config.timestamp_tolerance_s)
     pairing = _pairing(
-        matching, "no right image matches", "no left image matches", in_order=by_number
+        matching,
+        "no right image matches",
+        "no left image matches",
+        in_order=by_number,
+        tolerance_s=inf if notes else config.timestamp_tolerance_s,
     )
-    by_times = () if notes else _apart_notes(pairing.pairs, config.timestamp_tolerance_s)
-    return pairing.with_notes((*notes, *by_counter, *by_times))
+    return pairing.with_notes((*notes, *by_counter))
 
 
 def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...]:
@@ -408,14 +411,22 @@ def _settle_by_name(matching: _Matching) -> None:
 
 
 def _pairing(
-    matching: _Matching, left_reason: str, right_reason: str, in_order: bool = False
+    matching: _Matching,
+    left_reason: str,
+    right_reason: str,
+    in_order: bool = False,
+    tolerance_s: float = inf,
 ) -> Pairing:
-    """in_order: the pairs are in the dive's order already, which their names do not tell."""
+    """in_order: the pairs are in the dive's order already, which their names do not tell.
+    tolerance_s: times in the names of a pair may lie so far apart without a note.
+    """
     unpaired = [*matching.unpaired, *(Unpaired(path, left_reason) for path in matching.lefts)]
     unpaired += [Unpaired(path, right_reason) for path in matching.rights]
     pairs = with_unique_names(matching.pairs)
     pairs = pairs if in_order else in_dive_order(pairs)
-    return Pairing(DivePairs.of(pairs), _in_order(unpaired), _drift_notes(pairs))
+    offsets_s = _offsets_s(pairs)
+    notes = *drift_notes(offsets_s), *_apart_notes(offsets_s, tolerance_s)
+    return Pairing(DivePairs.of(pairs), _in_order(unpaired), notes)
 
 
 def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
@@ -439,13 +450,8 @@ def with_unique_names(
     ]
 
 
-def _drift_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
-    return drift_notes(_offsets_s(pairs))
-
-
-def _apart_notes(pairs: Sequence[Pair], tolerance_s: float) -> tuple[str, ...]:
+def _apart_notes(offsets_s: Sequence[float], tolerance_s: float) -> tuple[str, ...]:
     """A note where times in the names contradict the pairs."""
-    offsets_s = _offsets_s(pairs)
     apart_s = float(np.median(offsets_s)) if offsets_s else 0.0
     if abs(apart_s) <= tolerance_s:
         return ()
