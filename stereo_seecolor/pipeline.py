@@ -7,16 +7,18 @@ for two arrays.
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from calibration import Rectification, StereoRig
+from calibration import CalibrationError, Rectification, StereoRig
 from calibration.formats import load_rig
 from calibration.original_view import OriginalView
 from calibration.port import flat_port
+from calibration.verification.conventions import resolve_convention
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.carried_colors import inside_right_image
 from stereo_seecolor.color.render.open_water import without_open_water
@@ -67,7 +69,8 @@ class Pipeline:
     """Runs a pair through all stages. Create one for a rig; all methods are thread-safe.
 
     Args:
-        rig: The calibration.
+        rig: The calibration. If its file can be read in several ways, ``process`` chooses by the
+            first pair that shows which one fits.
         config: Settings; the defaults if not given.
 
     Attributes:
@@ -86,8 +89,11 @@ class Pipeline:
     makes_ranges = True
 
     def __init__(self, rig: StereoRig | str | Path, config: RunConfig | None = None) -> None:
-        rig = rig if isinstance(rig, StereoRig) else load_rig(rig)
         self.config = config or RunConfig()
+        self._use(rig if isinstance(rig, StereoRig) else load_rig(rig))
+
+    def _use(self, rig: StereoRig) -> None:
+        """Make everything that depends on the rig."""
         if (window := self.config.input.flat_port) and rig.port is None:
             rig = replace(rig, medium="air", port=flat_port(window), alternatives=())
         self.rig = rig
@@ -301,6 +307,9 @@ class Pipeline:
         if np.array_equal(left, right):
             raise MatchingError(f"{frame.name or 'frame'}: left and right are the same image")
         frame = replace(frame, left=left, right=right)
+        if self.rig.alternatives:
+            with suppress(CalibrationError):  # the next pair may show more
+                self._use(resolve_convention(self.rig, [(left, right)]))
         with clock("rectify"):
             rectified = self.rectify(frame)
         with clock("match"):

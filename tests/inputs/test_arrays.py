@@ -1,12 +1,15 @@
 """Images that programs hand over as arrays, and paths that they give as text."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 import stereo_seecolor
+from calibration.formats import load_rig
 from stereo_seecolor import Pipeline, StereoFrame, Water, load_config
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.extras.synthetic.demo import DemoResult
@@ -67,6 +70,19 @@ def test_one_image_for_both_sides_is_refused(make_dive) -> None:
     image = read_image(dive.root / "L/0000.png")
     with pytest.raises(MatchingError, match="a: left and right are the same image"):
         Pipeline(dive.root / "cam.yaml").process(StereoFrame("a", image, image.copy()))
+
+
+def test_the_first_pair_shows_how_to_read_a_calibration(make_dive) -> None:
+    """Of a file with two readings the wrong one failed all pairs, and a camera was blamed."""
+    dive = make_dive(1)
+    true = load_rig(dive.root / "cam.yaml")
+    turned = true.T_right_left.copy()
+    turned[:3, :3] = cv2.Rodrigues(np.array([0.05, 0.0, 0.0]))[0]
+    pipeline = Pipeline(replace(true, T_right_left=turned).with_alternatives([true]))
+    sides = (read_image(dive.root / side / "0000.png") for side in "LR")
+    found = pipeline.process(StereoFrame("a", *sides)).range_map.range_m
+    np.testing.assert_allclose(np.nanmedian(found / dive.range_m), 1, atol=0.01)
+    np.testing.assert_array_equal(pipeline.rig.T_right_left, true.T_right_left)
 
 
 @pytest.mark.slow

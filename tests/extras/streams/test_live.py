@@ -13,6 +13,7 @@ import tracemalloc
 import urllib.error
 import urllib.request
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event, Timer
@@ -29,9 +30,10 @@ from calibration import CalibrationError
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.checks import rig as checks_rig
 from stereo_seecolor.checks.changes import DiveChange
-from stereo_seecolor.checks.verdict import RANGES, DiveVerdict
+from stereo_seecolor.checks.verdict import COLORS, RANGES, DiveVerdict
 from stereo_seecolor.color.sharing.survey import SlidingFitter
 from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import ColorError, InputError, OutputError
 from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.extras.streams.live import command as live_command
@@ -267,6 +269,68 @@ def test_pairs_are_checked_from_the_first_that_was_taken_to_the_last(incoming) -
     assert [pair.name for pair in source.still_there()] == ["0001", "0002"]
     (folder / "L/0002.png").unlink()
     assert source.still_there() == ()
+
+
+def test_all_pairs_are_checked_where_files_arrive_in_another_order(incoming) -> None:
+    _, folder, arrive = incoming
+    source = watch(folder)
+    for number in (2, 3, 0, 1):
+        arrive(number)
+        source._left.listed_s = source._right.listed_s = -10.0  # as after a second
+        pair = source.newest()
+        assert pair is not None
+        source.take(pair)
+    assert [pair.name for pair in source.still_there()] == ["0000", "0001", "0002", "0003"]
+
+
+def test_a_calibration_is_read_and_doubted_as_run_does(incoming, monkeypatch) -> None:
+    """Of two readings the images choose; the first pair shows nothing."""
+    dive, folder, arrive = incoming
+    true = replace(_rig(dive.root), rms_px=2.0)
+    turned = true.T_right_left.copy()
+    turned[:3, :3] = cv2.Rodrigues(np.array([0.05, 0.0, 0.0]))[0]
+    two = replace(true, T_right_left=turned).with_alternatives([true])
+    monkeypatch.setattr(live_command, "load_rig", lambda *_: two)
+    monkeypatch.setattr(live_command, "load_rig_of_images", lambda *_: two)
+    for side in "LR":
+        cv2.imwrite(str(folder / side / "0000.png"), np.zeros(dive.range_m.shape, np.uint8))
+    Timer(0.5, arrive, (1,)).start()
+    told: list[str] = []
+    with ExitStack() as stack:
+        inputs = LiveInputs(folder / "L", folder / "R", calib="cam.yaml")
+        _, pipeline, opened = inputs.open(RunConfig(), stack, told.append)
+    np.testing.assert_array_equal(pipeline.rig.T_right_left, true.T_right_left)
+    assert [line.split(":")[:2] for line in told] == [
+        ["0000", " does not show how to read the calibration"]
+    ]
+    assert any("this reading fits the images" in note for note in opened.notes)
+    assert any("the reprojection error" in note for note in opened.notes)
+
+
+def test_images_of_12_bits_are_scaled_in_a_bag_and_named_in_folders(make_dive, tmp_path) -> None:
+    dive = make_dive(2, dtype=np.uint16)
+    for path in [*(dive.root / "L").iterdir(), *(dive.root / "R").iterdir()]:
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) >> 4)
+    pairs = FolderWatch(dive.root / "L", dive.root / "R", InputConfig())
+    newest = pairs.newest()
+    assert newest is not None
+    needed = ["input.significant_bits=12"]
+    given, missing = (
+        live_command._misread(Pipeline(_rig(dive.root), load_config(None, settings)), [newest])
+        for settings in (needed, [])
+    )
+    assert (given.notes, missing.wrong) == ((), COLORS)
+    assert missing.notes[0].endswith(f" --set {needed[0]}")
+    name_by_stamps(dive.root)
+    bag = write_bag(
+        tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)]
+    )
+    with ExitStack() as stack:
+        source, _, opened = LiveInputs(bag=bag).open(RunConfig(), stack, print)
+    first = source.newest()
+    assert first is not None
+    assert source.read(first).left.max() > 1 << 12
+    assert "input: the 16-bit images hold 12 bits, which are scaled to 16" in opened.notes
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,23 @@
 """``live``: correct pairs as they arrive."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibration import CalibrationError, StereoRig
 from calibration.errors import SizeMissingError, counted
 from calibration.formats import load_rig, load_rig_of_images
+from calibration.rig import for_channels
+from calibration.suspicions import suspicions
+from calibration.verification.conventions import resolve_convention
+from stereo_seecolor.checks.camera_response import settle_space
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import check_processed
 from stereo_seecolor.checks.sample import DiveImages
-from stereo_seecolor.checks.verdict import NOTHING_FOUND, DiveVerdict, verdict_of
+from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict, verdict_of
 from stereo_seecolor.commands.rig_loading import behind_port
+from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig
@@ -25,13 +31,16 @@ from stereo_seecolor.extras.streams.live.session import (
     LiveCounts,
     LiveSession,
     LiveSource,
-    first_size,
+    first_frames,
 )
 from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.extras.streams.mcap_recording import McapRecording
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.records import Numbers
+from stereo_seecolor.records import Numbers, StereoFrame, is_monochrome
+
+STORED = (("input", "significant_bits"), ("input", "bayer"), ("color", "input_space"))
+"""Settings that ``run`` finds in the files where they are auto."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +48,9 @@ class LiveResult:
     """Numbers of a live session. done, failed: pairs. biased: of the done ones, those whose rows
     are off, so that the calibration does not fit. dropped: left images skipped for newer ones.
     reduced: what was left out of the last pair to save time, "" for nothing. waiting: what was
-    waited for at the end, "" for nothing. notes: of the checks of run, on all pairs together at the
-    end, if they can be read again; wrong: the numbers that these find wrong.
+    waited for at the end, "" for nothing. notes: on the calibration and the bag, and of the
+    checks of run on all pairs together at the end, if they can be read again; wrong: the numbers
+    that these find wrong.
 
     latency: seconds from arrival of a pair to its corrected image. products: until all its products
     are written. Both None before the first pair.
@@ -105,20 +115,38 @@ class LiveInputs:
 
     def open(
         self, config: RunConfig, stack: ExitStack, tell: Callable[[str], None]
-    ) -> tuple[LiveSource, Pipeline]:
-        """Open the source, until ``stack`` closes, and the pipeline; wait for the first pair where
-        the calibration states no image size, and tell so. Raises CalibrationError, InputError,
-        DeviceError.
+    ) -> tuple[LiveSource, Pipeline, DiveVerdict]:
+        """Open the source, until ``stack`` closes, and the pipeline; with what is said of both.
+
+        Waits for the first pair where the calibration states no image size, or can be read in
+        several ways, and tells so. Raises CalibrationError, InputError, DeviceError.
         """
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
-            return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
+            pairing, pipeline = opened.pairing, opened.pipeline
+            source = PlayedBag(pairing, self.bag, pipeline.config.input)
+            return source, pipeline, DiveVerdict(pairing.notes, pairing.wrong)
         rig = None
         with suppress(SizeMissingError):  # a bad calibration is named before a camera is opened
             rig = load_rig(self.calib)
-        source = live_source(str(self.left), str(self.right), config.input, stack)
-        rig = rig or load_rig_of_images(self.calib, first_size(source, tell))
-        return source, Pipeline(behind_port(rig, config.input), config)
+        arriving = live_source(str(self.left), str(self.right), config.input, stack)
+        if rig is None or rig.alternatives:
+            rig = self._rig_of(first_frames(arriving, tell), tell)
+        rig = behind_port(rig, config.input)
+        notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        return arriving, Pipeline(rig, config), DiveVerdict(notes)
+
+    def _rig_of(self, frames: Iterator[StereoFrame], tell: Callable[[str], None]) -> StereoRig:
+        """The rig as ``run`` reads it: of the size of the images, and in the way that fits them."""
+        for frame in frames:
+            height, width = frame.left.shape[:2]
+            rig = load_rig_of_images(self.calib, (width, height))
+            rig = for_channels(rig, is_monochrome(frame.left))
+            try:
+                return resolve_convention(rig, [(frame.left, frame.right)])
+            except CalibrationError as error:
+                tell(f"{frame.name}: does not show how to read the calibration: {error}")
+        raise AssertionError("frames end with an error")
 
 
 def live(
@@ -136,7 +164,9 @@ def live(
         limit_cores(len(pin(options.cpus)) or options.cpus)
     counts = LiveCounts()
     with ExitStack() as stack:
-        source, pipeline = inputs.open(config, stack, options.announce)
+        source, pipeline, opened = inputs.open(config, stack, options.announce)
+        for note in opened.notes:
+            options.announce(f"note: {note}")
         made = _made(pipeline, options, counts, stack)
         warm_up(pipeline)
         processor = LiveProcessor(pipeline, source.read, Budget(options.budget_s))
@@ -149,10 +179,10 @@ def live(
             return options.pairs is not None and counts.done + counts.failed >= options.pairs
 
         LiveSession(source, processor.process, finish, counts, options.announce).run(is_enough)
-    found = NOTHING_FOUND
+    found = opened
     if counts.done and (pairs := source.still_there()):
         options.announce(f"checking the calibration against {counted(len(pairs), 'pair')}")
-        found = _checked(pipeline, pairs)
+        found = _checked(pipeline, pairs).after(opened)
     facts = counts.facts() | {"notes": found.notes, "wrong": tuple(sorted(found.wrong))}
     return LiveResult(**{name: facts[name] for name in LiveResult.__dataclass_fields__})
 
@@ -160,7 +190,23 @@ def live(
 def _checked(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     """What ``run`` asks all pairs of a dive, which no single pair shows."""
     of_images = verdict_of(IMAGE_CHECKS, DiveImages.with_colors(pairs, pipeline.config))
-    return check_processed(pipeline, pairs).after(of_images)
+    return check_processed(pipeline, pairs).after(of_images).after(_misread(pipeline, pairs))
+
+
+def _misread(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
+    """Settings that ``run`` finds in the files of a dive, and ``live`` does not."""
+    stored = settle_storage(pipeline.config, pairs)[0]
+    found, given = settle_space(stored, pairs)[0], pipeline.config
+    settings = " ".join(
+        f"--set {section}.{key}={value}"
+        for section, key in STORED
+        if (value := getattr(getattr(found, section), key)) not in (None, "none", "auto")
+        and value != getattr(getattr(given, section), key)
+    )
+    if not settings:
+        return NOTHING_FOUND
+    note = f"input: the colors are wrong, since live reads these files rightly only with {settings}"
+    return DiveVerdict((note,), COLORS)
 
 
 def _made(

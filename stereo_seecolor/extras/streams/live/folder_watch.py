@@ -141,7 +141,9 @@ class FolderWatch:
 
     def take(self, pair: Pair) -> None:
         """Mark this pair and all before it as done."""
-        self._first, self._last = self._first or pair.left, pair.left
+        # files may arrive in any order
+        self._first = min(self._first or pair.left, pair.left, key=_order)
+        self._last = max(self._last or pair.left, pair.left, key=_order)
         self.dropped += self._left.take(pair.left)
         self._right.take(pair.right)
 
@@ -173,6 +175,10 @@ def read_sides(pair: Pair, config: InputConfig) -> StereoFrame:
     """Read the images of a pair's two files at the same time, unrectified. Raises InputError."""
     left, right = core_pool().map(lambda path: read_image(path, config), (pair.left, pair.right))
     return StereoFrame(pair.name, left, right, pair.timestamp_s)
+
+
+def _order(path: Path) -> str:
+    return natural_key(path.name)
 
 
 def _image_names(folder: Path) -> Iterator[str]:

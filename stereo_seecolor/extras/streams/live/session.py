@@ -7,7 +7,7 @@ pair is corrected.
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -89,21 +89,25 @@ class WaitNotice:
         return waiting
 
 
-def first_size(source: LiveSource, tell: Callable[[str], None] = lambda _: None) -> tuple[int, int]:
-    """The (width, height) of the left image of the first pair that can be read; it stays.
+def first_frames(
+    source: LiveSource, tell: Callable[[str], None] = lambda _: None
+) -> Iterator[StereoFrame]:
+    """Pairs that can be read, each once; the last one stays.
 
-    Waits for it, and tells so. Raises InputError where the source ends without one.
+    Waits for each, and tells so. Raises InputError where the source ends.
     """
-    notice = WaitNotice(tell)
+    notice, read = WaitNotice(tell), ""
     while not source.ended:
         pair = source.newest()
+        pair = pair if pair and pair.name != read else None
         notice.waiting(source, pair)
         if pair:
             with suppress(InputError):  # it may still be being written
-                height, width = source.read(pair).left.shape[:2]
-                return width, height
+                frame = source.read(pair)
+                read = pair.name
+                yield frame
         time.sleep(POLL_S)
-    raise InputError("no readable pair arrived, and the calibration needs the image size")
+    raise InputError("no readable pair arrived, and the calibration needs one")
 
 
 @dataclass
