@@ -51,15 +51,18 @@ def write_pair(
     time_codes: tuple[str, str] = ("", ""),
     suffix: str = ".mp4",
     lost: int = 0,
+    frozen: int = 0,
+    place: float = 0.5,
 ) -> tuple[Path, Path]:
     """An event at t on the left clock is at t + offset_s + drift t on the right one. blurred:
-    numbers of frames. lost: frames that the right file lacks in its middle.
+    numbers of frames. lost: frames that the right file lacks in its middle, or at another place of
+    it. frozen: frames for which it repeats one there instead.
     """
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for code, lacking, side, clock, sound_s in zip(
         time_codes,
-        (0, lost),
+        ((0, 0, 0.5), (lost, frozen, place)),
         ("left", "right"),
         ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)),
         (0.0, offset_s if sound_offset_s is None else sound_offset_s),
@@ -85,14 +88,17 @@ def write_pair(
 
 @cache
 def _encoded(
-    clock, seconds, speed, sound_s, flash_s, rate_hz, blurred, time_code, suffix, lost
+    clock, seconds, speed, sound_s, flash_s, rate_hz, blurred, time_code, suffix, lacking
 ) -> bytes:
     """A video; the left ones of many pairs are the same. clock: offset, drift, and how many pixels
     to the side the camera is.
     """
     own_s = np.arange(round(seconds * rate_hz)) / rate_hz
     true_s = (own_s - clock[0]) / (1 + clock[1])
-    true_s[len(true_s) // 2 :] += lost / rate_hz
+    lost, frozen, at = lacking
+    first = int(at * len(true_s))
+    true_s[first:] += lost / rate_hz
+    true_s[first : first + frozen] = true_s[first - 1]
     noise = None if sound_s is None else hum(own_s[-1], sound_s, clock[1])
     place = speed * swell(true_s) + np.array([clock[2], 0.0])
     with TemporaryDirectory() as folder:

@@ -172,6 +172,38 @@ def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("faults", "said"),
+    [
+        ({"lost": 8, "place": 0.9}, "do not move alike"),
+        ({"frozen": 10, "seconds": 8.0}, "left out"),
+    ],
+)
+def test_pairs_of_other_moments_are_left_out(tmp_path: Path, faults: dict, said: str) -> None:
+    """Frames that are lost near an end do not change the lag of the whole, nor do repeated ones."""
+    faults = {"seconds": 12.0, "lost": 0, "place": 0.5, "frozen": 0} | faults
+    chosen = choose_frames(*write_pair(tmp_path, 0.31, **faults), InputConfig())
+    own_s = np.arange(round(RATE_HZ * faults["seconds"])) / RATE_HZ
+    right_s, first = own_s - 0.31, int(faults["place"] * len(own_s))
+    right_s[first:] += faults["lost"] / RATE_HZ
+    right_s[first : first + faults["frozen"]] = right_s[first - 1]
+    apart_s = np.abs(own_s[list(chosen.left)] - right_s[list(chosen.right)])
+    assert said in chosen.notes[-1]
+    assert len(apart_s) > 60
+    assert apart_s.max() < 0.02
+
+
+@pytest.mark.slow
+def test_frames_of_equal_number_that_do_not_move_alike_are_no_pairs(tmp_path: Path) -> None:
+    """Lost frames leave no lag that stands out; that is no reason to pair equal numbers."""
+    with pytest.raises(InputError, match="frames of the same number do not move alike"):
+        choose_frames(*write_pair(tmp_path, 0.31, seconds=8, lost=15, place=0.4), InputConfig())
+    part = write_pair(tmp_path, 0.31, seconds=8, lost=12, place=0.35)
+    chosen = choose_frames(*part, InputConfig())
+    assert chosen.wrong == ("ranges",)
+    assert "one file may lack frames" in chosen.notes[-1]
+
+
 @pytest.mark.parametrize("lost", [1, 8])
 def test_frames_that_one_file_lacks_are_named(tmp_path: Path, lost: int) -> None:
     with pytest.raises(InputError, match=r"around [\d.]+ s and -0\.\d+ s around [\d.]+ s: one"):

@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 from calibration import StereoRig
 from calibration.errors import counted
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.videos.agreement import unlike
 from stereo_seecolor.extras.streams.videos.frame_moments import frames_of_equal_moments
 from stereo_seecolor.extras.streams.videos.lags import LIMITS, Lag
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.row_lag import Pairs
+from stereo_seecolor.extras.streams.videos.synchronization import LIMITS as SYNC
 from stereo_seecolor.extras.streams.videos.synchronization import VideoSync, paired, synchronize
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
-from stereo_seecolor.records import Numbers
+from stereo_seecolor.records import Mask, Numbers
 
 BLURRED = 0.7
 """Of the usual sharpness around a frame: motion blur of 2 px takes a third of the steps from pixel
@@ -64,9 +67,16 @@ def choose_frames(
             notes = (f"frames of the same number are paired: {error}",)
             if error.signals:
                 found = frames_of_equal_moments((left.name, right.name), error.signals)
-                notes = (*notes, *found.notes)
-                chosen = _chosen(found.pairs, error.signals, files, config, notes)
-                return replace(chosen, wrong=("ranges",) if found.is_wrong else ())
+                differ = unlike(error.signals, found.pairs)
+                if differ.mean() > 1 - SYNC.least_pairs:
+                    raise InputError(
+                        f"{left} and {right}: frames of the same number do not move alike, and no "
+                        "other offset fits: one file lacks frames, or both show different scenes: "
+                        "run parts of the videos, or set input.video_offset_s"
+                    ) from error
+                notes = (*notes, *found.notes, *_unlike_note(differ))
+                chosen = _chosen(found.pairs[~differ], error.signals, files, config, notes)
+                return replace(chosen, wrong=("ranges",) if found.is_wrong or differ.any() else ())
         else:
             return _chosen(
                 synchronized.pairs,
@@ -81,6 +91,15 @@ def choose_frames(
     first = video_signals(left)
     signals = first, first if left == right else video_signals(right)
     return _chosen(_equal(*signals), signals, files, config, notes)
+
+
+def _unlike_note(differ: Mask) -> tuple[str, ...]:
+    if not differ.any():
+        return ()
+    return (
+        f"{int(differ.sum())} of {len(differ)} pairs were left out, since the two images do not "
+        "move alike: one file may lack frames, so that the ranges of the others are wrong",
+    )
 
 
 def _synchronized(

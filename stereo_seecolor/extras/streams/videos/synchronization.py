@@ -11,6 +11,7 @@ import numpy as np
 from calibration import StereoRig
 from calibration.robust_statistics import deviation
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.videos.agreement import moved_since_repeated, unlike
 from stereo_seecolor.extras.streams.videos.lags import LIMITS as LAG
 from stereo_seecolor.extras.streams.videos.lags import Lag, coarse_lag, fine_lag
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
@@ -61,7 +62,8 @@ class VideoSync:
     pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart
     they are after all, right less left. false_disparity: (n,) what the picture moves in that time,
     image widths. left_out: pairs for which that is too much.
-    signals: of both videos. time_code: what time codes say that were not set alike, None where they
+    signals: of both videos. unlike: seconds of those left out since the two pictures do not move
+    alike. time_code: what time codes say that were not set alike, None where they
     are used or there are none.
     """
 
@@ -73,6 +75,7 @@ class VideoSync:
     left_out: int
     signals: tuple[VideoSignals, VideoSignals]
     time_code: Lag | None = None
+    unlike: tuple[float, ...] = ()
 
     @property
     def text(self) -> str:
@@ -90,10 +93,15 @@ class VideoSync:
     @property
     def _left_out_text(self) -> str:
         text = ""
-        if self.left_out:
+        if fast := self.left_out - len(self.unlike):
             text = (
-                f"; {self.left_out} pairs with a motion of more than "
-                f"{LIMITS.false_disparity:.1%} are left out"
+                f"; {fast} pairs with a motion of more than {LIMITS.false_disparity:.1%} are left "
+                "out"
+            )
+        if self.unlike:
+            text += (
+                f"; {len(self.unlike)} pairs from {self.unlike[0]:.1f} to {self.unlike[-1]:.1f} s "
+                "are left out, since the two images do not move alike: does one file lack frames?"
             )
         if self.time_code:
             text += (
@@ -158,8 +166,14 @@ def paired(
     """
     pairs, rest_s = _nearest(signals, lag)
     moved = signals[0].speed_at(signals[0].times_s[pairs[:, 0]]) * np.hypot(rest_s, lag.std_s)
-    good = (moved <= LIMITS.false_disparity) | (not evidence)
-    if good.mean() < LIMITS.least_pairs:
+    differ = np.zeros(len(pairs), bool)
+    if evidence:
+        moved = np.maximum(moved, moved_since_repeated(signals, lag, pairs))
+    if any(item.kind == "motion" for item in evidence):
+        differ = unlike(signals, pairs)
+    slow = (moved <= LIMITS.false_disparity) | (not evidence)
+    good = slow & ~differ
+    if slow.mean() < LIMITS.least_pairs:
         usual, rest_ms = float(np.median(moved)), 1000 * float(np.sqrt(np.mean(rest_s**2)))
         raise InputError(
             f"the two frames of a pair are {rest_ms:.1f} ms apart; in this time the image moves "
@@ -167,8 +181,20 @@ def paired(
             "px; film at a higher rate or move more slowly, or set "
             f"input.video_offset_s={lag.offset_s:.4f} to use them anyway"
         )
+    if not good.any():
+        raise InputError(
+            f"with the right clock {lag.offset_s:+.3f} s against the left one, the two images move "
+            "alike only where they move too fast: do they show one dive?"
+        )
     return VideoSync(
-        lag, evidence, pairs[good], rest_s[good], moved[good], int((~good).sum()), signals
+        lag,
+        evidence,
+        pairs[good],
+        rest_s[good],
+        moved[good],
+        int((~good).sum()),
+        signals,
+        unlike=tuple(signals[0].times_s[pairs[differ, 0]].tolist()),
     )
 
 
