@@ -42,7 +42,7 @@ def settle_response(
     has_right: the second file of a pair is an image, too. Returns the settings, and notes on what
     was found; none for images encoded by sRGB, as most are.
     """
-    config, of_space = settle_space(config, pairs)
+    config, of_space = _settle_space(config, pairs)
     if config.color.input_encoding != "auto":
         return config, of_space
     files = [pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES)]
@@ -58,7 +58,7 @@ def settle_response(
     return config.model_copy(update={"color": color}), notes
 
 
-def settle_space(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
+def _settle_space(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
     """Settle ``color.input_space`` where it is auto and the first file states another than sRGB."""
     if config.color.input_space != "auto" or not pairs:
         return config, ()

@@ -307,7 +307,13 @@ def test_a_calibration_is_read_and_doubted_as_run_does(incoming, monkeypatch) ->
     assert any("the reprojection error" in note for note in opened.notes)
 
 
-def test_images_of_12_bits_are_scaled_in_a_bag_and_named_in_folders(make_dive, tmp_path) -> None:
+MEASURED = ("color.input_encoding=linear", "color.pedestal=[0.08, 0.05, 0.04]")
+
+
+def test_how_files_are_read_is_settled_in_a_bag_and_named_in_folders(
+    make_dive, tmp_path, monkeypatch
+) -> None:
+    """12 bits, then what several images show of their response and one does not."""
     dive = make_dive(2, dtype=np.uint16)
     for path in [*(dive.root / "L").iterdir(), *(dive.root / "R").iterdir()]:
         cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) >> 4)
@@ -321,6 +327,11 @@ def test_images_of_12_bits_are_scaled_in_a_bag_and_named_in_folders(make_dive, t
     )
     assert (given.notes, missing.wrong) == ((), COLORS)
     assert missing.notes[0].endswith(f" --set {needed[0]}")
+    monkeypatch.setattr(
+        live_command, "settle_response", lambda config, _: (load_config(None, MEASURED), ())
+    )
+    linear = live_command._misread(Pipeline(_rig(dive.root), RunConfig()), [newest])
+    assert linear.notes[0].endswith(" --set ".join(["with", MEASURED[0], f"'{MEASURED[1]}'"]))
     name_by_stamps(dive.root)
     bag = write_bag(
         tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)]

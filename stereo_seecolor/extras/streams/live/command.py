@@ -1,5 +1,6 @@
 """``live``: correct pairs as they arrive."""
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from calibration.formats import load_rig, load_rig_of_images
 from calibration.rig import for_channels
 from calibration.suspicions import suspicions
 from calibration.verification.conventions import resolve_convention
-from stereo_seecolor.checks.camera_response import settle_space
+from stereo_seecolor.checks.camera_response import settle_response
 from stereo_seecolor.checks.dive import IMAGE_CHECKS
 from stereo_seecolor.checks.rig import check_processed
 from stereo_seecolor.checks.sample import DiveImages
@@ -195,17 +196,23 @@ def _checked(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
 
 def _misread(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     """Settings that ``run`` finds in the files of a dive, and ``live`` does not."""
-    stored = settle_storage(pipeline.config, pairs)[0]
-    found, given = settle_space(stored, pairs)[0], pipeline.config
-    settings = " ".join(
-        f"--set {section}.{key}={value}"
+    given, used = pipeline.config, pipeline.response
+    found = settle_response(settle_storage(given, pairs)[0], pairs)[0]
+    settings = {
+        f"{section}.{key}": value
         for section, key in STORED
         if (value := getattr(getattr(found, section), key)) not in (None, "none", "auto")
         and value != getattr(getattr(given, section), key)
-    )
+    }
+    color = found.color  # live measured it in one image
+    other_encoding = color.input_encoding in {"linear", "srgb"} - {used.encoding}
+    if other_encoding or (any(color.pedestal) and not any(used.pedestal)):
+        settings["color.input_encoding"] = color.input_encoding
+        settings["color.pedestal"] = [round(value, 4) for value in color.pedestal]
     if not settings:
         return NOTHING_FOUND
-    note = f"input: the colors are wrong, since live reads these files rightly only with {settings}"
+    words = " ".join(f"--set {shlex.quote(f'{key}={value}')}" for key, value in settings.items())
+    note = f"input: the colors are wrong, since live reads these files rightly only with {words}"
     return DiveVerdict((note,), COLORS)
 
 
