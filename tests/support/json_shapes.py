@@ -137,7 +137,7 @@ SHAPES: dict[str, Shape] = {
     "campaign": {
         "table": str,
         "dives": [
-            {**keys(str, "name state out error"), **keys(int, "ok failed"), "seconds": NUMBER}
+            {**keys(str, "name state out error asked"), **keys(int, "ok failed"), "seconds": NUMBER}
         ],
     },
     "plan": {

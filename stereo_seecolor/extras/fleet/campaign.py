@@ -3,6 +3,7 @@
 import json
 import logging
 import time
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from stereo_seecolor.extras.fleet.campaign_states import (
     save_states,
 )
 from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
+from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.text_documents import read_yaml
 from stereo_seecolor.run_folder.frame_table import RunSummary
 from stereo_seecolor.run_folder.layout import RUN
@@ -37,6 +39,14 @@ from stereo_seecolor.run_folder.layout import RUN
 WATERS = "waters"
 RESERVED = {WATERS, RECORDS, TABLE, STATES, Path(COLLECTION).stem}
 """Names of the campaign's own files and folders in ``out``, and of a record."""
+
+SAID = {
+    "string_type": "is not text: write it in quotes",
+    "string_pattern_mismatch": "a name has only letters, digits, _, - and ., and begins with a "
+    "letter or digit",
+    "too_short": "lists no dive",
+}
+"""Of pydantic's kinds of errors, those that its words explain badly."""
 
 log = logging.getLogger(__name__)
 
@@ -90,14 +100,20 @@ class CampaignFile(BaseModel):
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"
-            fix = ": write it in quotes" if first["type"] == "string_type" else ""
+            said = SAID.get(first["type"], first["msg"])
             raise InputError(
-                f"{path}: {where}: {first['msg']}{fix} (docs/fleets.md shows a campaign)"
+                f"{path}: {where}: {said} (docs/fleets.md shows a campaign)"
             ) from error
         names = [dive.name for dive in campaign.dives]
-        twice = next((name for name in names if names.count(name) > 1), None)
+        # disks of macOS and Windows know no upper case, and one spelling of an accent
+        folders = [unicodedata.normalize("NFC", name).casefold() for name in names]
+        twice = next((name for name in folders if folders.count(name) > 1), None)
         if twice:
-            raise InputError(f"{path}: two dives have the name {twice!r}: give each another name")
+            same = names[folders.index(twice)]
+            raise InputError(
+                f"{path}: two dives have the name {same!r}, upper and lower case being alike: give "
+                "each another name"
+            )
         taken = next((name for name in names if name.casefold() in RESERVED), None)
         if taken:
             raise InputError(
@@ -191,6 +207,13 @@ class _Campaign:
             [f"{key}={_text(settings[key])}" for key in settings],
         )
 
+    def asked(self, dive: DiveEntry) -> str:
+        """Hash of what the campaign's file asks of a dive."""
+        shared, settings = self.content.config, self.content.settings
+        file = self.folder / shared if shared else None
+        text = file.read_bytes() if file and file.is_file() else b""
+        return content_key(dive.model_dump_json(), json.dumps(settings), text)
+
     def site_water(self, dive: DiveEntry) -> Path:
         """The file for the water of a dive's site, as this dive's exposure shows it."""
         return self.root / WATERS / f"{dive.name}.json"
@@ -205,7 +228,9 @@ def _states(
     waters = _SiteWaters(plan, options, keep=bool(known))
     for dive in plan.dives:
         earlier, out = known.get(dive.name), plan.out(dive)
-        if earlier and earlier.state == "done" and (out / RUN).is_file():
+        asked = plan.asked(dive)
+        is_done = earlier and earlier.state == "done" and earlier.asked in ("", asked)
+        if earlier and is_done and (out / RUN).is_file():
             yield replace(earlier, out=str(out))
             continue
         if waters.fit_for(dive):
@@ -217,7 +242,7 @@ def _states(
             )
             return
         water = waters.of(dive)
-        state = _process(plan, dive, water, options)
+        state = replace(_process(plan, dive, water, options), asked=asked)
         if dive.site and water is None and state.ok:
             problem = f"site {dive.site} has no water (see the log): the dive's own was used"
             state = _with_problems(state, (problem,))

@@ -22,7 +22,8 @@ State = Literal["not begun", "done", "some pairs failed", "problems", "failed", 
 @dataclass(frozen=True)
 class DiveState:
     """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive as a whole, or its
-    map, failed, or what its problems are.
+    map, failed, or what its problems are. asked: hash of its inputs and settings in the campaign's
+    file.
     """
 
     name: str
@@ -32,6 +33,7 @@ class DiveState:
     seconds: float = 0.0
     out: str = ""
     error: str = ""
+    asked: str = ""
 
 
 def load_states(root: Path) -> dict[str, DiveState]:
@@ -62,7 +64,8 @@ def save_states(root: Path, states: Mapping[str, DiveState]) -> None:
         json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode(),
     )
     text = io.StringIO()
-    table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
+    columns = [field.name for field in fields(DiveState) if field.name != "asked"]
+    table = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     table.writerows(
         {key: guard_formula(value) for key, value in asdict(state).items()}

@@ -55,6 +55,9 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
     with result.table.open() as table:
         assert [row["state"] for row in csv.DictReader(table)] == ["failed", "done"]
     assert not done.all_done
+    file.write_text(file.read_text().replace("{name: part,", "{name: part, water: w.json,"))
+    asked = campaign(file, only_failed=True)  # of a dive whose entry changed, as it is now
+    assert "w.json" in asked.dives[1].error
 
 
 @pytest.mark.slow
@@ -243,6 +246,9 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
             f"{{out: x, dives: [{{name: a, {SIDES}}}, {{name: a, {SIDES}}}]}}",
             "two dives have the name 'a'",
         ),
+        (f"{{out: x, dives: [{{name: A, {SIDES}}}, {{name: a, {SIDES}}}]}}", "the name 'A', upper"),
+        (f"{{out: x, dives: [{{name: one dive, {SIDES}}}]}}", "has only letters"),
+        ("{out: x, dives: []}", "dives: lists no dive"),
     ],
 )
 def test_what_is_wrong_with_a_campaigns_file_is_said(tmp_path, text: str, message: str) -> None:
