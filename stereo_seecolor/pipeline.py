@@ -58,6 +58,16 @@ AT_TYPICAL_RANGE = (
     "no range is known: its colors are corrected for {:.2f} m, the typical range of the dive"
 )
 
+OTHER_EXPOSURE = 2.0
+"""From one frame of a dive to the others brightness at equal ranges changed by 1.3 at most, on a
+real dive in strobe light and a synthetic one in sunlight.
+"""
+OF_OTHER_EXPOSURE = (
+    "{:.2g} times as bright, at equal ranges, as the frames before: if the exposure of the camera "
+    "changed, the colors are wrong until the last color.lock frames have the new one: fix the "
+    "exposure, or set a smaller color.lock"
+)
+
 PAIR_BYTES_A_PIXEL = 68
 """Bytes of memory for each pixel while a pair is measured, corrected and written. For one pair
 alone 57 to 67 were measured at 5, 12 and 21 megapixels, most while its cloud is written; each
@@ -374,12 +384,15 @@ class Stream:
             table = self.pipeline.corrector.measure(
                 image[every, every].copy(), range_map.measured_m[every, every].copy()
             )
+            brighter = self._fitter.brighter(table)
             found = self._fitter.water(table)
             if found is None:
                 raise ColorError(
                     "no pixel with a known range yet: there is nothing to fit the water to"
                 )
-            return found
+            if 1 / OTHER_EXPOSURE < brighter < OTHER_EXPOSURE:
+                return found
+            return replace(found, warnings=(*found.warnings, OF_OTHER_EXPOSURE.format(brighter)))
 
         return self.pipeline.process(frame, water, match)
 

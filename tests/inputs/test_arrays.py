@@ -14,6 +14,7 @@ from stereo_seecolor import Pipeline, StereoFrame, Water, load_config
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.inputs.images import as_image, read_image
+from stereo_seecolor.pipeline import Stream
 
 RGB = np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8)
 GRAY = RGB[..., 0]
@@ -83,6 +84,19 @@ def test_the_first_pair_shows_how_to_read_a_calibration(make_dive) -> None:
     found = pipeline.process(StereoFrame("a", *sides)).range_map.range_m
     np.testing.assert_allclose(np.nanmedian(found / dive.range_m), 1, atol=0.01)
     np.testing.assert_array_equal(pipeline.rig.T_right_left, true.T_right_left)
+
+
+def test_another_exposure_within_a_stream_is_said(make_dive) -> None:
+    dive = make_dive(3)
+    stream, warned = Stream(Pipeline(dive.root / "cam.yaml")), []
+    for number, factor in enumerate((1.0, 1.0, 0.5)):
+        sides = (read_image(dive.root / side / f"{number:04d}.png") for side in "LR")
+        pair = [(factor * image).astype(np.uint8) for image in sides]
+        found = stream.process(StereoFrame("a", *pair)).warnings
+        warned.append(
+            any("times as bright, at equal ranges, as the frames" in one for one in found)
+        )
+    assert warned == [False, False, True]
 
 
 @pytest.mark.slow

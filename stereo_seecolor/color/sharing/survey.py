@@ -89,6 +89,13 @@ class SlidingFitter(_FittedWhenAdded):
         water = self.water(table)
         self._waters[name] = water if table.pixels.any() else None
 
+    def brighter(self, table: MomentTable) -> float:
+        """How many times as bright a frame is as those of the window, at equal ranges; 1 where
+        none are.
+        """
+        encoding = self._config.encoding
+        return Brightness.of(table, encoding).ratio(Brightness.of(self._total, encoding))
+
     def water(self, table: MomentTable) -> Water | None:
         """Add a frame and return the water of the window; None as long as there was no range."""
         self._total = self._total + table if self._window else table
