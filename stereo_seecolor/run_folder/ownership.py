@@ -140,8 +140,8 @@ def check_ownership(manifest: Manifest, request: FolderRequest) -> None:
     dive = manifest.dive()
     if not request.overwrite and _holds_results(manifest) and not request.owner.owns(manifest):
         raise OutputError(
-            f"{root}: contains the results of another dive or command: choose another --out, or "
-            "delete them with --overwrite"
+            f"{root}: contains the results of another dive or command: choose another output "
+            "folder, or delete this one (run: --overwrite)"
         )
     measured = not request.overwrite and request.ranges in ("", dive.settings.get("range"))
     refuse_inputs(

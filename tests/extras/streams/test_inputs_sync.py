@@ -111,6 +111,8 @@ def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None
     assert "time codes say +7.000 s, so they were not synchronized, and are not used" in found.text
     _, alike = write_pair(tmp_path / "alike", 0.2, time_codes=("10:00:07:00", "10:00:06:24"))
     assert [item.kind for item in sync(left, alike).evidence] == ["motion", "time code"]
+    with pytest.raises(InputError, match="was given for both sides"):
+        sync(left, left)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.formats import load_rig_of_images
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.synchronization import synchronize
 from stereo_seecolor.inputs.video_frames import size_of_side
 
@@ -54,6 +55,8 @@ def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
     """
     rig = load_rig_of_images(calib, size_of_side(left, right)) if calib else None
     found = synchronize(left, right, rig)
+    if left.samefile(right):
+        raise InputError(f"{left}: was given for both sides: give the videos of both cameras")
     lag = found.lag
     return SyncResult(
         left=left,
