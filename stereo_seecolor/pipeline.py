@@ -18,6 +18,7 @@ from calibration import CalibrationError, Rectification, StereoRig
 from calibration.formats import load_rig
 from calibration.original_view import OriginalView
 from calibration.port import flat_port
+from calibration.rig import for_channels
 from calibration.verification.conventions import resolve_convention
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.carried_colors import inside_right_image
@@ -319,7 +320,8 @@ class Pipeline:
         frame = replace(frame, left=left, right=right)
         if self.rig.alternatives:
             with suppress(CalibrationError):  # the next pair may show more
-                self._use(resolve_convention(self.rig, [(left, right)]))
+                rig = for_channels(self.rig, is_monochrome(left))
+                self._use(resolve_convention(rig, [(left, right)]))
         with clock("rectify"):
             rectified = self.rectify(frame)
         with clock("match"):

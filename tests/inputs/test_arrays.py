@@ -10,6 +10,7 @@ import pytest
 
 import stereo_seecolor
 from calibration.formats import load_rig
+from calibration.rig import COLOR_TAKEN
 from stereo_seecolor import Pipeline, StereoFrame, Water, load_config
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.extras.synthetic.demo import DemoResult
@@ -84,6 +85,12 @@ def test_the_first_pair_shows_how_to_read_a_calibration(make_dive) -> None:
     found = pipeline.process(StereoFrame("a", *sides)).range_map.range_m
     np.testing.assert_allclose(np.nanmedian(found / dive.range_m), 1, atol=0.01)
     np.testing.assert_array_equal(pipeline.rig.T_right_left, true.T_right_left)
+    wider = true.T_right_left @ np.array([[1, 0, 0, -0.01], *np.eye(4)[1:]])
+    color = replace(true, reading=COLOR_TAKEN, T_right_left=wider)
+    pipeline = Pipeline(color.with_alternatives([true]))
+    gray = (read_image(dive.root / side / "0000.png")[..., 1] for side in "LR")
+    pipeline.process(StereoFrame("a", *gray))
+    assert pipeline.rig.baseline_m == true.baseline_m
 
 
 def test_another_exposure_within_a_stream_is_said(make_dive) -> None:

@@ -205,9 +205,10 @@ def _misread(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
         and value != getattr(getattr(given, section), key)
     }
     color = found.color  # live measured it in one image
-    other_encoding = color.input_encoding in {"linear", "srgb"} - {used.encoding}
-    if other_encoding or (any(color.pedestal) and not any(used.pedestal)):
+    has_other_pedestal = any(color.pedestal) and not any(used.pedestal)
+    if has_other_pedestal or color.input_encoding in {"linear", "srgb"} - {used.encoding}:
         settings["color.input_encoding"] = color.input_encoding
+    if has_other_pedestal:
         settings["color.pedestal"] = [round(value, 4) for value in color.pedestal]
     if not settings:
         return NOTHING_FOUND
