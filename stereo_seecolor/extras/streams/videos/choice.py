@@ -72,7 +72,8 @@ def choose_frames(
                     raise InputError(
                         f"{left} and {right}: frames of the same number do not move alike, and no "
                         "other offset fits: one file lacks frames, or both show different scenes: "
-                        "run parts of the videos, or set input.video_offset_s"
+                        "run parts of the videos, or set input.video_offset_s (0 if one trigger "
+                        "took both sides)"
                     ) from error
                 notes = (*notes, *found.notes, *_unlike_note(differ))
                 chosen = _chosen(found.pairs[~differ], error.signals, files, config, notes)
@@ -98,7 +99,8 @@ def _unlike_note(differ: Mask) -> tuple[str, ...]:
         return ()
     return (
         f"{int(differ.sum())} of {len(differ)} pairs were left out, since the two images do not "
-        "move alike: one file may lack frames, so that the ranges of the others are wrong",
+        "move alike: one file may lack frames, so that the ranges of the others are wrong: if one "
+        "trigger took both sides, set input.video_offset_s=0",
     )
 
 
