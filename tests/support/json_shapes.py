@@ -148,7 +148,7 @@ SHAPES: dict[str, Shape] = {
     "status": {
         "runs": [
             {
-                **keys(str, "out state stage writer rests_on"),
+                **keys(str, "out state stage writer rests_on problem"),
                 **keys(int, "done failed left"),
                 **{
                     "failures": [[(str, int)]],
