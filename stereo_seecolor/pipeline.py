@@ -104,7 +104,11 @@ class Pipeline:
         self.matcher = DetailMatcher(
             self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory)
         )
-        self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)), self.rectification)
+        self.check_pair = PairCheck(
+            lambda raw: self.match(self.rectify(raw)),
+            self.rectification,
+            self.config.input.refine,
+        )
         self.corrector = make_corrector(standard_config(self.config.color), memory)
         self.response = Response.of(self.config.color)
         self._measures_response = self.config.color.input_encoding == "auto"

@@ -50,7 +50,8 @@ def channel_order(images: DiveImages) -> DiveVerdict:
             if before is not None and _are_exchanged(before, after):
                 place = edge(first, last, _differs_from(first, images))
                 end = _last_exchanged(images, last, looked_at)
-                note = f"input: {_exchanged_text(pairs, place, end)}"
+                other = images.config.input.other_channels
+                note = f"input: {_exchanged_text(pairs, place, end, other)}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
     return NOTHING_FOUND
@@ -76,7 +77,7 @@ def order_of_sides(images: DiveImages) -> DiveVerdict:
     files = f"{left.parent.name}/{left.name} and {right.parent.name}/{right.name}"
     what = f"{files} have red and blue exchanged against each other"
     if found == looked_at:
-        cure = "if the right images are correct, --set input.channels=bgr"
+        cure = f"if the right images are correct, --set {images.config.input.other_channels}"
     else:
         first, last = ends_of_part(looked_at, found, exchanged)
         what = f"{what}, as are pairs {pairs[first].name} to {pairs[last].name}, but not all"
@@ -84,7 +85,7 @@ def order_of_sides(images: DiveImages) -> DiveVerdict:
     return DiveVerdict((f"input: {what}: bring both sides to one order; {cure}",), COLORS)
 
 
-def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
+def _exchanged_text(pairs: Sequence[Pair], first: int, last: int, other: str) -> str:
     name = pairs[first].left.name
     if first == last:
         return (
@@ -100,7 +101,7 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
     return (
         f"{which} ({counted(last - first + 1, 'image')}) have red and blue exchanged, compared "
         f"with {pairs[first - 1].left.name} and before: bring all files to one order, or "
-        "process the parts separately, that one with --set input.channels=bgr"
+        f"process the parts separately, that one with --set {other}"
     )
 
 

@@ -105,11 +105,14 @@ class Corrector:
         return replace(fitted, typical_range_m=table.median_range_m)
 
     def _fit(self, table: MomentTable, start: Water | None, until_s: float | None) -> Water:
+        shared = self.config.lock == "survey"
         if self.config.method == "robust":
             from stereo_seecolor.color.fitting import robust
 
             water = robust.fit(table, self.config, start)
-            doubt = doubts(table) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
+            doubt = (
+                doubts(table, shared) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
+            )
             return replace(water, warnings=doubt) if doubt else water
         if self.config.method != "paper":
             name = self.config.method
@@ -118,7 +121,7 @@ class Corrector:
             return found
         from stereo_seecolor.color.fitting import paper
 
-        doubt = doubts(table)
+        doubt = doubts(table, shared)
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
         return replace(

@@ -84,7 +84,7 @@ def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, las
     new = sum(name not in known for name in opened.pairing.names)
     pipeline = opened.pipeline
     each = need_bytes(pipeline.config.output, pipeline.pixels, last == "corrected")
-    line, is_low = check_disk(folder.root, new, each)
+    line, is_low = check_disk(folder.root, new, each, pipeline.config.output)
     if new:
         options.notice(line)
     return replace(opened, pairing=opened.pairing.with_notes((line,))) if is_low else opened

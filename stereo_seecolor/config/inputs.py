@@ -83,6 +83,11 @@ class InputConfig(StageConfig):
     )
 
     @property
+    def other_channels(self) -> str:
+        """The setting for files with red and blue exchanged, compared with these settings."""
+        return f"input.channels={'rgb' if self.channels == 'bgr' else 'bgr'}"
+
+    @property
     def video_overlap(self) -> float | None:
         """The overlap that selects frames of a video; None if every nth frame is used."""
         return self.video_step if self.video_step < 1 else None

@@ -25,8 +25,9 @@ class ImageFacts:
     """The kind of an image.
 
     size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16
-    that hold its values; 16 where all are even, which fewer bits are that were shifted. kind: "color", "monochrome", or "mosaic" (one channel with a Bayer
-    pattern). bayer: the pattern, "none" for the others.
+    that hold its values; 16 where all are even, which fewer bits are that were shifted. kind:
+    "color", "monochrome", or "mosaic" (one channel with a Bayer pattern). bayer: the pattern,
+    "none" for the others.
     """
 
     size: tuple[int, int]

@@ -40,7 +40,7 @@ def test_exchanged_channels_are_named(name: str) -> None:
     def notes(seen: NDArray[np.uint8]) -> tuple[str, ...]:
         config = ColorConfig(input_encoding="srgb")
         frames = CountedFrames.of([("a", measure(seen, range_m))], config)
-        return exchanged_channels_notes(frames.classes, config)
+        return exchanged_channels_notes(frames.classes, config, InputConfig().other_channels)
 
     assert notes(image) == ()
     named = notes(image[..., ::-1].copy())
@@ -71,6 +71,12 @@ def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
         pairs.append(Pair(path.stem, path, path))
     notes = channel_order(DiveImages(pairs, RunConfig())).notes
     assert len(notes) == bool(exchanged)
+    blue_first = RunConfig(input=InputConfig(channels="bgr"))
+    for of_setting, other in (
+        (notes, "bgr"),
+        (channel_order(DiveImages(pairs, blue_first)).notes, "rgb"),
+    ):
+        assert all(line.endswith(f"--set input.channels={other}") for line in of_setting)
     last = "and the following images" if exchanged and exchanged[-1] == 39 else "to 0022.png"
     assert all(f"{exchanged[0]:04d}.png {last}" in line for line in notes)
 
