@@ -257,8 +257,10 @@ class Corrector:
         return correct_linear(image, range_m, water, exposure, self.config)
 
     def _check(self, water: Water) -> None:
-        if (water.input_encoding == "as-is") != (self.config.encoding == "as-is"):
+        as_is = water.input_encoding == "as-is"
+        if as_is != (self.config.encoding == "as-is"):
+            read = ("decoded to linear light", "read as-is")
             raise ColorError(
-                f"water: was fitted to images read as {water.input_encoding}, and these are read "
-                f"as {self.config.encoding}; set color.input_encoding={water.input_encoding}"
+                f"water: was fitted to images {read[as_is]}, and these are {read[not as_is]}; set "
+                f"color.input_encoding={'as-is' if as_is else 'auto'}"
             )
