@@ -121,5 +121,5 @@ def _measured_lines(measured: "SampleMeasures") -> list[str]:
         f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the "
         "corners",
         f"a run takes about {duration(measured.seconds)} here and "
-        f"{measured.disk_bytes / 1e9:.2f} GB of disk",
+        f"{measured.disk_bytes / 1e9:.2f} GB of disk, without a map (--fuse)",
     ]

@@ -77,7 +77,8 @@ def plan_text(plan: "Plan") -> str:
     return lines(
         f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} "
         f"core-seconds each ({stages})",
-        f"{plan.core_hours:.3g} core-hours, {plan.fit_s:.1f} s of them for work that is done once",
+        f"{plan.core_hours:.3g} core-hours without a map, {plan.fit_s:.1f} s of them for work that "
+        "is done once",
         f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory "
         "for one worker",
     ) + table(("workers of one core", "time"), hours)
