@@ -129,8 +129,8 @@ def misfit_notes(
     )
     if neighbors:
         return neighbors
-    other = _own_counters(misfits, pairs, rectification, config, alone)
-    return tuple(filter(None, [other or flipped_note(misfits, rectification, config)]))
+    counters = _own_counters(misfits, pairs, rectification, config, alone)
+    return tuple(filter(None, [counters or flipped_note(misfits, rectification, config)]))
 
 
 def _slip(
