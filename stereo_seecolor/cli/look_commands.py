@@ -120,6 +120,6 @@ def _measured_lines(measured: "SampleMeasures") -> list[str]:
         f"the pixels; {measured.ground_resolution_m * 1000:.2f} mm a pixel",
         f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the "
         "corners",
-        f"a run takes about {duration(measured.seconds)} here and "
-        f"{measured.disk_bytes / 1e9:.2f} GB of disk",
+        f"ranges and colors of all pairs take about {duration(measured.seconds)} here; the files "
+        f"of a run {measured.disk_bytes / 1e9:.2f} GB",
     ]
