@@ -84,7 +84,7 @@ def unusable(left: Gray, right: Gray) -> str | None:
 
 
 def blank(image: Gray) -> NDArray[np.bool_]:
-    """Mark the pixels of a reduced image that are black and uniform: a frame around the picture,
+    """Mark the pixels of a reduced image that are black and uniform: a frame around the content,
     the corners of a round or an undistorted image, shadows clipped to black. (H, W) bool.
     """
     around = np.ones((DIAGNOSTICS_CONSTANTS.blank_px, DIAGNOSTICS_CONSTANTS.blank_px), np.uint8)
@@ -244,9 +244,9 @@ def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
     that in the left one at the same points; NaN where none are matched.
 
     Medians of the contrast along columns, which disparities do not change. Veil, another tone curve
-    and another exposure change the contrast of all details alike: 0.89 to 1.06 on two drawn dives
-    and a real one with one of these on one side, or with a side that sees one color alone. With
-    right images blurred by 1, 2, 3 pixels 0.8, 0.53, 0.37 (drawn), 0.88, 0.62, 0.43 (real).
+    and another exposure change the contrast of all details alike: 0.89 to 1.06 on two synthetic
+    dives and a real one with one of these on one side, or with a side that sees one color alone.
+    With right images blurred by 1, 2, 3 px 0.8, 0.53, 0.37 (synthetic), 0.88, 0.62, 0.43 (real).
     """
     reach, every = DIAGNOSTICS_CONSTANTS.coarse_px, DIAGNOSTICS_CONSTANTS.detail_every
     y, x, met = _matched(disparity, reach, every)
