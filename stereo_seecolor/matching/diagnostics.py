@@ -12,7 +12,6 @@ Indices = NDArray[np.int64]
 FULL_SCALE = 65280
 """Gray of 255 in an 8-bit image."""
 
-
 # the limits were chosen on the synthetic reef and on real frames that were degraded on purpose
 BLACK, SATURATED = 0.02 * FULL_SCALE, 0.985 * FULL_SCALE
 """An image is black if its brightest hundredth is darker, saturated if half of it is brighter."""

@@ -17,7 +17,6 @@ written out for them.
 PIXELS = WINDOW**2
 MOMENTS = 7
 
-
 LARGEST_STEP_PX = 1.0
 """Of the refinement: a correct match is right to a pixel."""
 MATCHING_STD_PX = 0.3
