@@ -165,7 +165,7 @@ def _exchanged_at_points(images: DiveImages, one: Path, other: Path) -> bool | N
         np.argsort(np.argsort(_tints(image, points), axis=0), axis=0)
         for image, points in zip(pixels, (found.left, found.right), strict=True)
     ]
-    alike = np.corrcoef(np.hstack(ranks), rowvar=False)[:2, 2:]
+    alike = np.asarray(np.corrcoef(np.hstack(ranks), rowvar=False))[:2, 2:]
     margin = float(alike[0, 1] + alike[1, 0] - alike[0, 0] - alike[1, 1])
     return margin > 0 if abs(margin) > CORRELATION else None
 
