@@ -107,10 +107,8 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
 
 def _poses_line(poses: "FoundPoses", pairs: int) -> str:
     of_pairs = f", for {poses.pairs} of {pairs} pairs by {poses.by}" if pairs else ""
-    return (
-        f"poses: {poses.path} ({poses.format}): {counted(poses.poses, 'pose')}{of_pairs}; for "
-        "a map with them add --fuse --poses"
-    )
+    use = "; for a map with them add --fuse --poses" if poses.pairs or not pairs else ""
+    return f"poses: {poses.path} ({poses.format}): {counted(poses.poses, 'pose')}{of_pairs}{use}"
 
 
 def _measured_lines(measured: "SampleMeasures") -> list[str]:
