@@ -53,7 +53,7 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """Count the pixels of an image with a known range by channel, range and value.
 
-        A black rim around the picture is left out. Of images with 800,000 pixels or more every
+        A black rim around the image is left out. Of images with 800,000 pixels or more every
         second row is counted (see ``RowSampling``).
 
         Args:

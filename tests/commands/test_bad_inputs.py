@@ -266,7 +266,7 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
     (tmp_path / "twin").symlink_to(dive.root / "L")
     code, _, said = cli(*words, "--right", str(tmp_path / "twin"))
     assert code == 1
-    assert "both sides show one camera's picture" in said
+    assert "both sides show one camera's image" in said
     assert not (tmp_path / "out" / "frames.csv").exists()
 
 
