@@ -41,5 +41,6 @@ def exchanged_channels_notes(
         return ()
     return (
         "water: the colors and their change with range fit known waters better with red and blue "
-        f"exchanged (odds of more than 150 to 1): if the water was not brown, set {other}",
+        f"exchanged (odds of more than 150 to 1): if blue water looks brown in the images, set "
+        f"{other}; otherwise the water is brown, or white balance or saturation was changed",
     )
