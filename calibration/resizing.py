@@ -88,6 +88,12 @@ def _other_shape(images: Size, calibrated: Size) -> str:
             "calibrated width; if what was given as --left and as --right shows one camera alone, "
             "give the other camera's as --right"
         )
+    if down == 1 and across < 1:
+        return (
+            "a crop, another camera, or a video that stores its frames narrower than they are "
+            "shown (sample aspect ratio): use a calibration made at this resolution, or export the "
+            f"video with square pixels, {_text(calibrated)}"
+        )
     return "a crop or another camera: use a calibration made at this resolution"
 
 

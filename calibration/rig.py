@@ -240,7 +240,7 @@ class StereoRig:
         """Tell whether rows correspond already: no distortion, no rotation, square pixels, one
         focal length and cy, baseline along +x.
 
-        The principal points cx may differ (Middlebury's doffs); Rectification honours that.
+        The principal points cx may differ (Middlebury's doffs); Rectification applies them.
         """
         same_lens = np.allclose(
             self.left.K[[0, 1, 1], [0, 1, 2]], self.right.K[[0, 1, 1], [0, 1, 2]], atol=1e-6

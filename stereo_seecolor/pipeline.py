@@ -33,6 +33,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
 from stereo_seecolor.errors import ColorError, MatchingError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.file_form import unshifted_warning
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.images import as_image, read_image
 from stereo_seecolor.inputs.opened_paths import open_around
@@ -120,12 +121,17 @@ class Pipeline:
         self.matcher = DetailMatcher(
             self.rectification.matching_pair, self.config.matching, seen, make_matcher(memory)
         )
-        self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)), self.rectification)
+        self.check_pair = PairCheck(
+            lambda raw: self.match(self.rectify(raw)),
+            self.rectification,
+            self.config.input.refine,
+        )
         self.corrector = make_corrector(standard_config(self.config.color), memory)
         self.response = Response.of(self.config.color)
         self._measures_response = self.config.color.input_encoding == "auto"
         self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
+        self._brightest = 0  # value of the frames that came without a dive
 
     def __reduce__(self) -> tuple[type["Pipeline"], tuple[StereoRig, RunConfig]]:
         # all else is made from these, and some of it is large
@@ -277,6 +283,14 @@ class Pipeline:
             self.corrector.config = standard_config(color)
         return self.response.of_frame(frame.left)
 
+    def _unshifted(self, frame: StereoFrame) -> list[str]:
+        """Warnings of a frame that came without a dive: those of files were scaled."""
+        if self.config.input.significant_bits is None:
+            return []
+        self._brightest = max(self._brightest, int(frame.left.max()), int(frame.right.max()))
+        warning = unshifted_warning(frame.left, self._brightest)
+        return [warning] if warning else []
+
     def match(self, frame: StereoFrame) -> RangeMap:
         """Compute the range map of a rectified pair.
 
@@ -325,7 +339,12 @@ class Pipeline:
         with clock("rectify"):
             rectified = self.rectify(frame)
         with clock("match"):
-            range_map = self._ranges(rectified, match or self.matcher.match, lambda: frame)
+            doubts = self._unshifted(frame)
+            try:
+                range_map = self._ranges(rectified, match or self.matcher.match, lambda: frame)
+            except MatchingError as error:
+                raise MatchingError("; ".join((str(error), *doubts))) from error
+            range_map = replace(range_map, warnings=(*range_map.warnings, *doubts))
         upright = self.rectification.upright
         with clock("rectify"):
             left, right = upright(rectified.left), upright(rectified.right)

@@ -7,7 +7,7 @@ import numpy as np
 
 BLURRED = 0.85
 """Of the sharper side's contrast of details: one with less is blurred, by 0.7 pixels or more. Sides
-of a real rig and of drawn ones, with veil or another tone curve on one, have 0.89 and more."""
+of a real rig and of synthetic ones, with veil or another tone curve on one, have 0.89 and more."""
 
 
 class LessSharpSide(NamedTuple):

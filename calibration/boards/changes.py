@@ -30,8 +30,8 @@ ROUNDS = 4  # of Gauss-Newton
 # of scaled parameters: the coefficients of a lens are nearly dependent, and steps diverge along
 # what the views do not determine
 UNDETERMINED = 1e-9
-# of squared errors of views left out: without a change .78 at least (drawn boards, also bent and
-# of another lens model, sorted by distance or place), with a focal length 2 % longer .70 at most
+# of squared errors of views left out: without a change .78 at least (synthetic boards, also bent
+# and of another lens model, sorted by distance or place), with 2 % more focal length .70 at most
 CLEARLY = 0.75
 SURE = 3.0  # standard errors, over the views, of the logarithm of that ratio
 AS_GOOD = 1.1  # of the least squared error: causes that are named beside each other

@@ -170,7 +170,7 @@ def _explanation(fit: RigEvidence, points: DivePoints, least: RigEvidence) -> Ex
     cov = fit.cov_of_amounts(slopes_of(points, fit, fit.causes, fit.amounts))
     cov = cov * fit.times_chance(least)
     texts = [
-        cause.text.format(cause.amount.text(float(amount)), f"{cause.amount.unit * std:.1g}")
+        cause.named(float(amount), float(std))
         for cause, amount, std in zip(chosen, fit.amounts, np.sqrt(np.diag(cov)), strict=True)
     ]
     off, by_amounts = _range_errors(points, fit)

@@ -36,9 +36,8 @@ class Mistake:
 
 EXCHANGED = "left and right look swapped"
 EXCHANGE = (
-    "exchange --left and --right (of images that show both sides: --set "
-    "input.right_half_first=true), or the cameras in the "
-    "calibration, if it lists the right one first"
+    "exchange --left and --right (of images that show both sides: change "
+    "input.right_half_first), or the cameras in the calibration, if it lists the right one first"
 )
 RECTIFIED = "the images are rectified already"
 GIVE_RECTIFIED = (

@@ -15,7 +15,7 @@ class MotionLimits:
     least_points, least_couples: fewer tell nothing, or give no standard error. least_move: median
     movement in the image, of its width: less holds too little parallax. most_row_px: rows of a rig
     that has drifted are off by a pixel or two.
-    least_disparity_px: less is infinity, or one camera's picture on both sides. near_px: points
+    least_disparity_px: less is infinity, or one camera's image on both sides. near_px: points
     that two matches have in common lie within it.
     lens_rad: offset, as an angle, that errors of a usual lens model look like; focal: the same of
     the focal length, relative. A real rig of 1360x1024 px, whose ranges fit the track of its

@@ -41,7 +41,7 @@ def quick_check(rectification: Rectification, images: Images) -> QuickCheck:
         return QuickCheck(False, found, np.zeros(0))
     shift_px, row_px = (found.left - found.right).T
     disparity_px = shift_px - (pair.cx_left_px - pair.cx_right_px)
-    apart = np.median(disparity_px) > -BEHIND_PX  # else swapped, or one camera's picture twice
+    apart = np.median(disparity_px) > -BEHIND_PX  # else swapped, or one camera's image twice
     agree = np.median(np.abs(row_px)) <= LIMITS.acceptable_px and apart
     in_front = (np.abs(row_px - np.median(row_px)) < STRAY_PX) & (disparity_px > -BEHIND_PX)
     rays = (found.left[in_front] - [pair.cx_left_px, pair.cy_px]) / pair.focal_px

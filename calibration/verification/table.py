@@ -39,7 +39,8 @@ class Amount:
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause tested in proportion to its amount. text: with the amount and its standard error.
+    """A cause tested in proportion to its amount. text: with the amount and its standard error;
+    below: the same of amounts below zero, "" for no other.
 
     make: the rig that took the images, if an amount of it has happened to the calibrated one; None
     for shutters, which no rig has.
@@ -49,6 +50,12 @@ class Cause:
     amount: Amount
     cure: str
     make: Callable[[StereoRig, float], StereoRig] | None
+    below: str = ""
+
+    def named(self, amount: float, std: float) -> str:
+        """The text of an amount."""
+        text = self.below if self.below and amount < 0 else self.text
+        return text.format(self.amount.text(amount), f"{self.amount.unit * std:.1g}")
 
 
 RADIANS, PIXELS, RELATIVE = Amount(57.3, 1e-3, 0.1), Amount(1, 1.0, 500.0), Amount(100, 1e-3, 0.3)
@@ -133,8 +140,9 @@ LARGER = Amount(1, 1e-3, 1.5, zero=1)
 CUT_OUT = Cause(
     "images of both sides cropped and enlarged {} +- {} times, to the calibrated size",
     LARGER,
-    "give the whole images, or a calibration of this (or of the stabilized) mode",
+    "give images of the calibrated mode, or a calibration of this (or of the stabilized) one",
     _of_sides(_enlarged, "left", "right"),
+    "images of both sides with a wider view, at {} +- {} of the calibrated scale",
 )
 OFF_CENTER = 0.05
 """Of the image's size: principal points of both sides so far from its center are rather those of
@@ -234,6 +242,7 @@ CAUSES = (
             replace(LARGER, least=0.04),  # less is rather another focal length
             OTHER,
             _of_sides(_enlarged, side),
+            f"images of the {side} side with a wider view, at {{}} +- {{}} of the calibrated scale",
         )
         for side in ("left", "right")
     ),

@@ -113,7 +113,7 @@ class RowCheck:
 
     @property
     def one_picture(self) -> bool:
-        """Whether points lie at the same places of both images, as in one picture given twice."""
+        """Whether points lie at the same places of both images, as in one image given twice."""
         return self.apart_px < LIMITS.apart_px
 
     @property
@@ -126,7 +126,7 @@ class RowCheck:
         """Why ranges cannot be had from these images, and what to do; "" where they may be."""
         if self.one_picture:
             return (
-                f"both sides show one camera's picture: points lie {self.apart_px:.1f} px apart in "
+                f"both sides show one camera's image: points lie {self.apart_px:.1f} px apart in "
                 "the images (median): give the other camera's images on one of the sides"
             )
         if self.rectified_already:

@@ -7,7 +7,7 @@ import numpy as np
 from stereo_seecolor.sharpness import LessSharpSide
 
 CONTRASTS, BLURS_PX = (0.37, 0.53, 0.8, 1.0), (3.0, 2.0, 1.0, 0.0)
-"""Contrast that is left of drawn reefs by a Gaussian blur of so many pixels."""
+"""Contrast that is left of synthetic reefs by a Gaussian blur of so many pixels."""
 
 
 def blurred_side_notes(facts: Sequence[Mapping[str, float]]) -> tuple[str, ...]:

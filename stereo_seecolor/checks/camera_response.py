@@ -45,28 +45,33 @@ def settle_response(
     config, of_space = _settle_space(config, pairs)
     if config.color.input_encoding != "auto":
         return config, of_space
-    files = [pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES)]
-    images = _read(files, config.input)
+    files, images = _read(pairs, "left", LEFT_FRAMES, config.input)
+    if not images:
+        return config, of_space
     left, right = _measured(files, images), UNDECIDED
     if left.verdict == "undecided" and (steps := _common_quantization(files)):
         left = measure_jpeg(images, steps)
     if has_right:
-        files = [pair.right for pair in evenly_spaced(pairs, RIGHT_FRAMES)]
-        right = _measured(files, _read(files, config.input))
+        right = _measured(*_read(pairs, "right", RIGHT_FRAMES, config.input))
     color = config.color.model_copy(update=left.settings)
     notes = (*of_space, *_notes(left, right), *_balanced(images))
     return config.model_copy(update={"color": color}), notes
 
 
 def _settle_space(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
-    """Settle ``color.input_space`` where it is auto and the first file states another than sRGB."""
-    if config.color.input_space != "auto" or not pairs:
+    """Settle ``color.input_space`` where it is auto and the first file that is not empty states
+    another than sRGB.
+    """
+    first = next(
+        (pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES) if _holds(pair.left)), None
+    )
+    if config.color.input_space != "auto" or first is None:
         return config, ()
-    space, unknown = stated_space(pairs[0].left)
+    space, unknown = stated_space(first)
     if unknown:
         known = ", ".join(own.title for own in SPACES.values())
         return config, (
-            f'response: the profile "{unknown}" of {pairs[0].left.name} is none of these: '
+            f'response: the profile "{unknown}" of {first.name} is none of these: '
             f"{known}: its colors are read as those of sRGB: convert the images to sRGB",
         )
     if space == "srgb":
@@ -120,5 +125,21 @@ def _common_quantization(files: Sequence[Path]) -> bytes:
     return steps.pop() if len(steps) == 1 else b""
 
 
-def _read(files: Sequence[Path], config: InputConfig) -> list[Image]:
-    return [image for _, image in of_each(files, config, lambda image: image)]
+def _holds(path: Path) -> bool:
+    """False for a file that is empty or cannot be read."""
+    with suppress(InputError):  # the run names it
+        return bool(read_image_bytes(path))
+    return False
+
+
+def _read(
+    pairs: Sequence[Pair], side: str, most: int, config: InputConfig
+) -> tuple[list[Path], list[Image]]:
+    """Files spread over the dive with their images; others in the place of damaged ones."""
+    files = [getattr(pair, side) for pair in evenly_spaced(pairs, most)]
+    found = of_each(files, config, lambda image: image)
+    if len(found) < len(files):
+        others = [path for pair in pairs if (path := getattr(pair, side)) not in files]
+        spare = evenly_spaced(others, most)
+        found = [*found, *of_each(spare, config, lambda image: image)][:most]
+    return [path for path, _ in found], [image for _, image in found]

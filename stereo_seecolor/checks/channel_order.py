@@ -1,14 +1,21 @@
-"""Checks for left images whose red and blue are exchanged, from one on or in all."""
+"""Checks for left images whose red and blue are exchanged, from one on or in all.
+
+Another white balance may change the colors of an image as exchanged channels do. At points that
+both images show it does not: where one image is redder, the other is redder, too.
+"""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import counted
+from calibration.verification.matches import similar_points
+from calibration.verification.same_scene import ENOUGH_POINTS
 from stereo_seecolor.checks.sample import (
     COLORS_OF,
     SIDES_OF,
@@ -19,7 +26,9 @@ from stereo_seecolor.checks.sample import (
 )
 from stereo_seecolor.checks.verdict import COLORS, NOTHING_FOUND, DiveVerdict
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Array, Image
 
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Of each channel of an image."""
@@ -31,6 +40,14 @@ many times as much as with red and blue exchanged. Of neighbors and of every fif
 reef, FLSea and the sample dive: at most 0.3 times as given, 3.6 and more exchanged; nearly gray
 images at most 1.1 times.
 """
+CORRELATION = 0.2
+"""Difference of the correlations of colors at points, as given and with red and blue exchanged,
+that tells which is right: 0.33 to 3.1 of a real reef, a real video and the sample dive, whatever
+the white balance.
+"""
+OR_BALANCE = " (or another white balance: too few points that both show tell)"
+AROUND_PX = 5
+"""Side of the square whose mean is the color at a point."""
 Colors = NDArray[np.float64]
 """(3, quantiles) logarithms of the values of R, G, B."""
 
@@ -49,8 +66,12 @@ def channel_order(images: DiveImages) -> DiveVerdict:
             after = _colors(images, pairs[last].left)
             if before is not None and _are_exchanged(before, after):
                 place = edge(first, last, _differs_from(first, images))
+                is_sure = _exchanged_at_points(images, pairs[place - 1].left, pairs[place].left)
+                if is_sure is False:
+                    return NOTHING_FOUND
                 end = _last_exchanged(images, last, looked_at)
-                note = f"input: {_exchanged_text(pairs, place, end)}"
+                other = images.config.input.other_channels
+                note = f"input: {_exchanged_text(pairs, place, end, other, bool(is_sure))}"
                 return DiveVerdict((note,), COLORS if end > place else frozenset())
             before = after
     return NOTHING_FOUND
@@ -73,10 +94,13 @@ def order_of_sides(images: DiveImages) -> DiveVerdict:
     if not found:
         return NOTHING_FOUND
     left, right = pairs[found[0]].left, pairs[found[0]].right
+    is_sure = _exchanged_at_points(images, left, right)
+    if is_sure is False:
+        return NOTHING_FOUND
     files = f"{left.parent.name}/{left.name} and {right.parent.name}/{right.name}"
-    what = f"{files} have red and blue exchanged against each other"
+    what = f"{files} have red and blue exchanged against each other{'' if is_sure else OR_BALANCE}"
     if found == looked_at:
-        cure = "if the right images are correct, --set input.channels=bgr"
+        cure = f"if the right images are correct, --set {images.config.input.other_channels}"
     else:
         first, last = ends_of_part(looked_at, found, exchanged)
         what = f"{what}, as are pairs {pairs[first].name} to {pairs[last].name}, but not all"
@@ -84,7 +108,7 @@ def order_of_sides(images: DiveImages) -> DiveVerdict:
     return DiveVerdict((f"input: {what}: bring both sides to one order; {cure}",), COLORS)
 
 
-def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
+def _exchanged_text(pairs: Sequence[Pair], first: int, last: int, other: str, is_sure: bool) -> str:
     name = pairs[first].left.name
     if first == last:
         return (
@@ -98,9 +122,10 @@ def _exchanged_text(pairs: Sequence[Pair], first: int, last: int) -> str:
         else f"{name} to {pairs[last].left.name}"
     )
     return (
-        f"{which} ({counted(last - first + 1, 'image')}) have red and blue exchanged, compared "
+        f"{which} ({counted(last - first + 1, 'image')}) have red and blue exchanged"
+        f"{'' if is_sure else OR_BALANCE}, compared "
         f"with {pairs[first - 1].left.name} and before: bring all files to one order, or "
-        "process the parts separately, that one with --set input.channels=bgr"
+        f"process the parts separately, that one with --set {other}"
     )
 
 
@@ -127,6 +152,31 @@ def _colors(images: DiveImages, path: Path) -> Colors:
     image = images.thinned(path)
     values = np.quantile(image.reshape(-1, 3), QUANTILES, axis=0).T
     return np.log(values / np.iinfo(image.dtype).max + DARK)
+
+
+def _exchanged_at_points(images: DiveImages, one: Path, other: Path) -> bool | None:
+    """Whether points that two images show have red and blue exchanged; None where too few, or
+    points of too little color, tell. Raises InputError.
+    """
+    pixels = [read_image(path, images.config.input) for path in (one, other)]
+    found = similar_points(*pixels)
+    if len(found.left) < ENOUGH_POINTS:
+        return None
+    ranks = [
+        np.argsort(np.argsort(_tints(image, points), axis=0), axis=0)
+        for image, points in zip(pixels, (found.left, found.right), strict=True)
+    ]
+    alike = np.asarray(np.corrcoef(np.hstack(ranks), rowvar=False))[:2, 2:]
+    margin = float(alike[0, 1] + alike[1, 0] - alike[0, 0] - alike[1, 1])
+    return margin > 0 if abs(margin) > CORRELATION else None
+
+
+def _tints(image: Image, points: Array) -> Array:
+    """(n, 2) logarithms of red and of blue over green around (n, 2) points."""
+    column, row = np.round(points).astype(int).T
+    rgb = cv2.blur(image, (AROUND_PX, AROUND_PX))[row, column]
+    log = np.log(rgb / np.iinfo(image.dtype).max + DARK)
+    return np.asarray(log[:, [0, 2]] - log[:, [1]])
 
 
 def _are_exchanged(one: Colors, other: Colors) -> bool:

@@ -15,7 +15,7 @@ _COMPRESSION = Check("strong compression", "the head of a file", compression)
 _FORM = Check("pages and palettes", "the head of a file", form)
 
 IMAGE_CHECKS = (
-    Check("pictures cut out or zoomed", "the heads of 4 files", cut_out),
+    Check("images cut out or zoomed", "the heads of 4 files", cut_out),
     _COMPRESSION,
     _FORM,
     Check("focal lengths that EXIF says change", "heads of 500 pairs", changed_focal_lengths),

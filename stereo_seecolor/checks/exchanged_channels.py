@@ -20,10 +20,11 @@ seven frames of FLSea and in a third of the scenes; others look like another wat
 
 
 def exchanged_channels_notes(
-    classes: Mapping[int, MomentTable], config: ColorConfig
+    classes: Mapping[int, MomentTable], config: ColorConfig, other: str
 ) -> tuple[str, ...]:
     """A note where the colors of a dive fit known waters only with red and blue exchanged. classes:
-    sums of moment tables of some of its frames, by class of brightness.
+    sums of moment tables of some of its frames, by class of brightness. other: the setting that
+    exchanges them.
     """
     if not classes:
         return ()
@@ -40,6 +41,6 @@ def exchanged_channels_notes(
         return ()
     return (
         "water: the colors and their change with range fit known waters better with red and blue "
-        "exchanged (odds of more than 150 to 1): if the water was not brown, set "
-        "input.channels=bgr",
+        f"exchanged (odds of more than 150 to 1): if blue water looks brown in the images, set "
+        f"{other}; otherwise the water is brown, or white balance or saturation was changed",
     )

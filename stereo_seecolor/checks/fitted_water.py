@@ -45,7 +45,7 @@ def range_scale_notes(waters: Mapping[str, Water], given: bool) -> tuple[str, ..
         return (
             f"{said}: red less than green, as only in brown water: if it was not brown, near and "
             "far are exchanged in the range maps, as in disparities and inverse depth, or "
-            "red and blue in the images (input.channels=bgr)",
+            "red and blue in the images (input.channels)",
         )
     unit = (
         "the unit of the maps (input.range_units_per_m)"

@@ -84,7 +84,7 @@ def compression(images: DiveImages) -> DiveVerdict:
 
 
 def cut_out(images: DiveImages) -> DiveVerdict:
-    """Metadata of the first or the middle pair that say that pictures were cut out or reshaped."""
+    """Metadata of the first or the middle pair that say that images were cut out or reshaped."""
     pairs = images.pairs
     for pair in dict.fromkeys((*pairs[:1], *pairs[len(pairs) // 2 :][:1])):
         for path in (pair.left, pair.right):

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from calibration import CalibrationError, Rectification
 from calibration.errors import counted
@@ -18,6 +19,7 @@ from stereo_seecolor.checks.sample import (
 )
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 
@@ -107,10 +109,11 @@ def misfit_notes(
     failed: Collection[str],
     rectification: Rectification,
     config: InputConfig,
+    alone: tuple[Sequence[Path], Sequence[Path]] = ((), ()),
 ) -> tuple[str, ...]:
     """Report where a camera stalled in the pairs of the names ``failed``, or where they are out of
     step, and by how much; else a line for each of the first few; else that one side is turned or
-    mirrored.
+    mirrored. alone: left and right files without a partner.
     """
     misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
     if stalled := stalled_note(misfits, pairs):
@@ -124,7 +127,10 @@ def misfit_notes(
         for _, pair in misfits[:NOTED_MISFITS]
         if (other := _fitting(pair, pairs, rectification, config))
     )
-    return neighbors or tuple(filter(None, [flipped_note(misfits, rectification, config)]))
+    if neighbors:
+        return neighbors
+    counters = _own_counters(misfits, pairs, rectification, config, alone)
+    return tuple(filter(None, [counters or flipped_note(misfits, rectification, config)]))
 
 
 def _slip(
@@ -192,6 +198,34 @@ def _slips(
         f"sides lost images: {', '.join(found)}{more}: number both sides equally from the "
         "first of these on, or name the files by their times"
     )
+
+
+def _own_counters(
+    misfits: Sequence[tuple[int, Pair]],
+    pairs: Sequence[Pair],
+    rectification: Rectification,
+    config: InputConfig,
+    alone: tuple[Sequence[Path], Sequence[Path]],
+) -> str | None:
+    """That each camera counts on its own, so that only some numbers coincide; None where a left
+    image does not fit the right one of its place in order.
+    """
+    if not alone[0] or len(alone[0]) != len(alone[1]):
+        return None
+    lefts = sorted([*alone[0], *(pair.left for pair in pairs)], key=_natural)
+    rights = sorted([*alone[1], *(pair.right for pair in pairs)], key=_natural)
+    pair = misfits[len(misfits) // 2][1]
+    other = replace(pair, right=rights[lefts.index(pair.left)])
+    if not _fitting(pair, [pair, other], rectification, config):
+        return None
+    return (
+        f"{_fits(pair, other)}: each camera counted its {counted(len(lefts), 'image')} on its own, "
+        "and equal numbers are different moments: give both files of a pair the same name"
+    )
+
+
+def _natural(path: Path) -> str:
+    return natural_key(str(path))
 
 
 def _fits(pair: Pair, other: Pair) -> str:

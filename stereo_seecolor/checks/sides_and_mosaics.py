@@ -127,7 +127,7 @@ def shifted_mosaic(images: DiveImages) -> DiveVerdict:
                     f"input: {side} images ({name}): red and blue are equal and green has a "
                     "pattern of rows and columns, as if a Bayer mosaic was read one column "
                     "or row off: convert the raw files again with the pattern shifted by one "
-                    "column (RGGB as GRBG), or for raw mosaics --set input.bayer=..."
+                    "column (RGGB as GRBG), or for raw mosaics set another input.bayer"
                 )
                 return DiveVerdict((note,), COLORS if side == "left" else frozenset())
     return NOTHING_FOUND

@@ -107,10 +107,8 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
 
 def _poses_line(poses: "FoundPoses", pairs: int) -> str:
     of_pairs = f", for {poses.pairs} of {pairs} pairs by {poses.by}" if pairs else ""
-    return (
-        f"poses: {poses.path} ({poses.format}): {counted(poses.poses, 'pose')}{of_pairs}; for "
-        "a map with them add --fuse --poses"
-    )
+    use = "; for a map with them add --fuse --poses" if poses.pairs or not pairs else ""
+    return f"poses: {poses.path} ({poses.format}): {counted(poses.poses, 'pose')}{of_pairs}{use}"
 
 
 def _measured_lines(measured: "SampleMeasures") -> list[str]:
@@ -120,6 +118,6 @@ def _measured_lines(measured: "SampleMeasures") -> list[str]:
         f"the pixels; {measured.ground_resolution_m * 1000:.2f} mm a pixel",
         f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the "
         "corners",
-        f"a run takes about {duration(measured.seconds)} here and "
-        f"{measured.disk_bytes / 1e9:.2f} GB of disk",
+        f"ranges and colors of all pairs take about {duration(measured.seconds)} here; the files "
+        f"of a run {measured.disk_bytes / 1e9:.2f} GB, without a map (--fuse)",
     ]

@@ -15,14 +15,16 @@ if TYPE_CHECKING:
 
 
 MOST_NAMED = 20
-"""Failed pairs that are named on the terminal; frames.csv names all."""
+"""Files without a partner, and pairs left over, that are named; frames.csv names all."""
 
 
 def run_text(summary: "RunSummary", out: Path) -> str:
-    """The outcome of a run: failed pairs, notes, kinds of errors with numbers, totals, results."""
+    """The outcome of a run: what was not tried, notes, kinds of errors with numbers, totals,
+    results. Progress has named each failed pair.
+    """
     from stereo_seecolor.color.white_point import DOUBT  # loads numpy
 
-    bad = [row.line for row in summary.rows if row.status != "ok"]
+    bad = [row.line for row in summary.rows if row.status not in ("ok", "failed")]
     named = bad[:MOST_NAMED]
     if len(bad) > MOST_NAMED:
         named.append(f"and {len(bad) - MOST_NAMED} more, named in {out / 'frames.csv'}")

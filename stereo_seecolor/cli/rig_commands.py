@@ -172,7 +172,9 @@ def convert_calib(
     *,
     report: BareReport,
 ) -> None:
-    """Convert a calibration into another format, with the same ray for every pixel."""
+    """Convert a calibration into another format, with the same ray for every pixel; exit code 3 if
+    the file can be read in several ways, one of which was taken.
+    """
     from stereo_seecolor.commands.convert_calib import convert_calib as convert
 
     result = convert(source, out, to, size, resize)
@@ -180,7 +182,8 @@ def convert_calib(
         f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm",
         *(f"note: {note}" for note in result.notes),
     ]
-    report.end(vars(result), lines(*output))
+    code = EXIT_SOME_FAILED if result.readings > 1 else EXIT_DONE
+    report.end(vars(result), lines(*output), code)
 
 
 def calibration_text(result: "CalibrationResult") -> str:

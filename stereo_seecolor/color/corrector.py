@@ -53,7 +53,7 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """Count the pixels of an image with a known range by channel, range and value.
 
-        A black rim around the picture is left out. Of images with 800,000 pixels or more every
+        A black rim around the image is left out. Of images with 800,000 pixels or more every
         second row is counted (see ``RowSampling``).
 
         Args:
@@ -105,11 +105,14 @@ class Corrector:
         return replace(fitted, typical_range_m=table.median_range_m)
 
     def _fit(self, table: MomentTable, start: Water | None, until_s: float | None) -> Water:
+        shared = self.config.lock == "survey"
         if self.config.method == "robust":
             from stereo_seecolor.color.fitting import robust
 
             water = robust.fit(table, self.config, start)
-            doubt = doubts(table) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
+            doubt = (
+                doubts(table, shared) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
+            )
             return replace(water, warnings=doubt) if doubt else water
         if self.config.method != "paper":
             name = self.config.method
@@ -118,7 +121,7 @@ class Corrector:
             return found
         from stereo_seecolor.color.fitting import paper
 
-        doubt = doubts(table)
+        doubt = doubts(table, shared)
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
         return replace(
@@ -254,8 +257,10 @@ class Corrector:
         return correct_linear(image, range_m, water, exposure, self.config)
 
     def _check(self, water: Water) -> None:
-        if (water.input_encoding == "as-is") != (self.config.encoding == "as-is"):
+        as_is = water.input_encoding == "as-is"
+        if as_is != (self.config.encoding == "as-is"):
+            read = ("decoded to linear light", "read as-is")
             raise ColorError(
-                f"water: was fitted to images read as {water.input_encoding}, and these are read "
-                f"as {self.config.encoding}; set color.input_encoding={water.input_encoding}"
+                f"water: was fitted to images {read[as_is]}, and these are {read[not as_is]}; set "
+                f"color.input_encoding={'as-is' if as_is else 'auto'}"
             )

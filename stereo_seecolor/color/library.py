@@ -35,6 +35,9 @@ def fit(
             (``color.response.measure.measure_response``; auto is taken as sRGB here).
         start: A water to begin from.
 
+    Returns:
+        The water.
+
     Raises:
         ColorError: For other shapes or types, ranges that cannot be meters, and where no pixel has
             a known range.

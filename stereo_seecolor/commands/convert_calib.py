@@ -23,7 +23,7 @@ FOREIGN_ENDINGS = {".yaml", ".yml", ".mat", ".json", ".xml", ".npz"}
 @dataclass(frozen=True)
 class ConvertedCalibration:
     """A calibration that was written. baseline_m: of the rig; it shows a wrong unit. notes: a line
-    on each guess.
+    on each guess. readings: in how many ways the source can be read.
     """
 
     source: str
@@ -31,6 +31,7 @@ class ConvertedCalibration:
     format: WritableFormat
     baseline_m: float
     notes: tuple[str, ...] = ()
+    readings: int = 1
 
 
 def convert_calib(
@@ -59,14 +60,14 @@ def convert_calib(
     if resize:
         rig = resized_rig(rig, parse_size(resize))
     write_rig(rig, out, to)
-    notes = list(suspicions(replace(rig, alternatives=())))
-    if rig.alternatives:
+    notes, ways = list(suspicions(replace(rig, alternatives=()))), 1 + len(rig.alternatives)
+    if ways > 1:
         notes.append(
-            f"{rig.reading}: used, but the file can be read in {len(rig.alternatives) + 1} ways: "
+            f"{rig.reading}: used, but the file can be read in {ways} ways: "
             "images of the dive decide, by 'stereo-seecolor check --left ... --right ... --calib "
             f"{source} --refine refined.yaml'; then convert refined.yaml"
         )
-    return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))
+    return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes), ways)
 
 
 def _refuse_ending(out: Path, to: WritableFormat) -> None:

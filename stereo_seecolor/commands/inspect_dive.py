@@ -49,8 +49,8 @@ class SampleMeasures:
     pixel's size at the median range.
 
     center_to_corner: mean brightness of the middle over that of the corners (linear light).
-    strobes: center_to_corner is that of lamps. disk_bytes, seconds: estimated for a run of the
-    whole dive with the default settings on this machine.
+    strobes: center_to_corner is that of lamps. disk_bytes, seconds: estimated for the whole dive
+    with the default settings: the files of a run; ranges and colors on this machine.
     """
 
     coverage: float

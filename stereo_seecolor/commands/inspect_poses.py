@@ -8,18 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.commands.inspect_rig import candidates
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.names import folder_keys, stem_of_path
+from stereo_seecolor.errors import InputError, MappingError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.assignment import place
 from stereo_seecolor.records import Trajectory
 
 EXTENSIONS = frozenset(
     {".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2", ".json", ".gpx", ".nmea", ".kml"}
     | {".jsonl", ".geojson", ".log"}
 )
-TABLE = "table of navigation"
-"""What the format of a table is called."""
+TABLE, JOINED = "table of navigation", "tables of navigation, joined by time"
+"""What the format of a table is called, and of tables such as of positions and of attitudes."""
 LARGEST_BYTES = 100_000_000
 """A day of navigation at 10 Hz has some 80 MB."""
 
@@ -50,43 +51,41 @@ def find_poses(
         with suppress(InputError):
             if (kind := trajectory_format(path)) is not None:
                 try:
-                    trajectory = read_trajectory(path)
-                    found.append(_facts(path, kind, trajectory, pairs))
-                    unread += [f"poses: {note}" for note in trajectory.notes]
+                    one, notes = _facts(path, kind, read_trajectory(path), pairs)
+                    found.append(one)
+                    unread += notes
                 except InputError as error:
                     unread.append(f"poses: {error}")
                     parts.append(path)
     parts += [one.path for one in found if parts and one.format == TABLE]
-    if len(parts) > 1 and (together := _together(parts, pairs)):
-        found.append(together)
+    if len(parts) > 1:
+        path = Path(",".join(map(str, sorted(parts))))
+        with suppress(InputError):  # of tables that each lack something, read as one
+            one, notes = _facts(path, JOINED, read_trajectory(path), pairs)
+            found.append(one)
+            unread += notes
     return tuple(found), tuple(unread)
 
 
-def _together(parts: Sequence[Path], pairs: Sequence[Pair]) -> FoundPoses | None:
-    """Tables that each lack something, such as positions, attitudes and depths, read as one."""
-    path = Path(",".join(map(str, sorted(parts))))
-    try:
-        return _facts(path, "tables of navigation, joined by time", read_trajectory(path), pairs)
-    except InputError:
-        return None
-
-
-def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]) -> FoundPoses:
+def _facts(
+    path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]
+) -> tuple[FoundPoses, list[str]]:
+    """What a trajectory holds, and what a map with it would say of the pairs' poses."""
     finite = np.isfinite(trajectory.T_world_camera).all(axis=(1, 2))
-    names = {
-        key for name in trajectory.names if name for key in (stem_of_path(name), *folder_keys(name))
-    }
-    times_s = trajectory.timestamps_s[finite & np.isfinite(trajectory.timestamps_s)]
-    if names:
-        number, by = sum(bool({pair.name, pair.left.stem} & names) for pair in pairs), "name"
-    elif times_s.size:
-        number, by = sum(_is_within(pair, times_s.min(), times_s.max()) for pair in pairs), "time"
-    else:
-        number, by = min(len(pairs), int(finite.sum())), "order"
-    return FoundPoses(path, kind, int(finite.sum()), number, by)
-
-
-def _is_within(pair: Pair, first_s: float, last_s: float) -> bool:
-    return pair.timestamp_s is not None and bool(
-        first_s - 0.01 <= pair.timestamp_s <= last_s + 0.01
-    )
+    by = "order"
+    if any(trajectory.names):
+        by = "name"
+    elif np.isfinite(trajectory.timestamps_s).any():
+        by = "time"
+    number, notes = 0, [f"poses: {note}" for note in trajectory.notes]
+    if pairs:
+        times_s = [np.nan if pair.timestamp_s is None else pair.timestamp_s for pair in pairs]
+        index = FrameIndex(tuple(pair.name for pair in pairs), np.array(times_s), ())
+        try:
+            placement = place(index, trajectory)
+            number = int(np.count_nonzero(placement.components >= 0))
+            notes += [f"poses: {path.name}: {note}" for note in placement.warnings]
+        except MappingError as error:
+            notes.append(f"poses: {path.name}: {error}")
+    found = FoundPoses(path, kind, int(finite.sum()), number, by)
+    return found, notes

@@ -5,6 +5,7 @@ pairs of a dive.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,12 @@ from stereo_seecolor.checks.dive import RANGED_CHECKS
 from stereo_seecolor.checks.sample import DiveImages
 from stereo_seecolor.checks.verdict import verdict_of
 from stereo_seecolor.commands.run_session import folder_request, run_session, stereo_run
-from stereo_seecolor.commands.stereo_inputs import DiveInputs, StereoInputs, sample
+from stereo_seecolor.commands.stereo_inputs import (
+    DiveInputs,
+    StereoInputs,
+    sample,
+    settle_storage,
+)
 from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -206,9 +212,11 @@ def correct(
             f"{images}: holds floating-point numbers, but images have 8 or 16 bits a channel: if "
             "these are range maps, exchange --images and --range"
         )
+    of_images = [replace(pair, right=pair.left) for pair in pairing.pairs]
+    config, stored = settle_storage(config, of_images)
     config, notes = settle_response(config, pairing.pairs, has_right=False)
     found = verdict_of(RANGED_CHECKS, DiveImages(pairing.pairs, config))
-    pairing = pairing.with_notes((*found.notes, *notes), found.wrong)
+    pairing = pairing.with_notes((*stored, *found.notes, *notes), found.wrong)
     paths = {"images": str(images.resolve()), "range": str(ranges.resolve())}
     owner = Owner("ranged", paths, sample(pairing.pairs[0].left), pairing.pairs)
     inputs = {"images": str(images), "range": str(ranges)}

@@ -84,7 +84,7 @@ def _with_disk_space(opened: Opened, folder: RunFolder, options: RunOptions, las
     new = sum(name not in known for name in opened.pairing.names)
     pipeline = opened.pipeline
     each = need_bytes(pipeline.config.output, pipeline.pixels, last == "corrected")
-    line, is_low = check_disk(folder.root, new, each)
+    line, is_low = check_disk(folder.root, new, each, pipeline.config.output)
     if new:
         options.notice(line)
     return replace(opened, pairing=opened.pairing.with_notes((line,))) if is_low else opened
@@ -185,9 +185,12 @@ def _summary(
     if failed and description.rectification:
         from stereo_seecolor.checks.neighbors import misfit_notes
 
-        misfits = misfit_notes(
-            pairing.pairs, failed, description.rectification, description.config.input
+        left, right = (
+            [file.path for file in pairing.unpaired if file.reason.startswith(f"no {other} image")]
+            for other in ("right", "left")
         )
+        config, rectification = description.config.input, description.rectification
+        misfits = misfit_notes(pairing.pairs, failed, rectification, config, (left, right))
     notes = (*pairing.notes, *run.notes, *aside, *run.folder.dive.removed, *misfits)
     return RunSummary(
         FinalRows(run.table, current.done, unpaired),

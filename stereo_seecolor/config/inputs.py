@@ -22,13 +22,13 @@ class InputConfig(StageConfig):
         default="auto",
         description="Color filter pattern of single-channel raw images: the first two pixels "
         "of the first two rows. auto: recognized from pairs spread over the dive, assuming "
-        "that red is darker than blue; for correct, and live with folders, none.",
+        "that red is darker than blue; for live with folders, none.",
     )
     significant_bits: Literal["auto", None, 10, 12, 14] = Field(
         default="auto",
         description="Bits that 16-bit files use (12 for a 12-bit sensor stored unshifted). auto: "
-        "the smallest number that fits pairs spread over the dive; for correct, and live with "
-        "folders, none. none: all 16.",
+        "the smallest number that fits pairs spread over the dive; for live with folders, none. "
+        "none: all 16.",
     )
     channels: Literal["rgb", "bgr"] = Field(
         default="rgb",
@@ -81,6 +81,11 @@ class InputConfig(StageConfig):
         description="For two videos: seconds to add to the time of a left frame to get the time of "
         "the right frame. Not set: measured.",
     )
+
+    @property
+    def other_channels(self) -> str:
+        """The setting for files with red and blue exchanged, compared with these settings."""
+        return f"input.channels={'rgb' if self.channels == 'bgr' else 'bgr'}"
 
     @property
     def video_overlap(self) -> float | None:

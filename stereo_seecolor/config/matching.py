@@ -9,7 +9,7 @@ from stereo_seecolor.config.stage import StageConfig
 
 
 class MatchingConfig(StageConfig):
-    """Stereo matching: StereoFrame -> RangeMap."""
+    """How the ranges of a pair are computed."""
 
     min_range_m: float = Field(
         0.3, gt=0, description="Nearest range of the search, meters; sets the largest disparity."

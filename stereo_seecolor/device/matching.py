@@ -29,7 +29,7 @@ from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.confidence import least_odds
 from stereo_seecolor.matching.gray import SMOOTHING_PX
 from stereo_seecolor.matching.interpolation import fill
-from stereo_seecolor.matching.matcher import CONSTANTS, Matcher
+from stereo_seecolor.matching.matcher import SPECKLE_PX, Matcher
 from stereo_seecolor.matching.refine import error_factor
 from stereo_seecolor.matching.sgm.search import Band, bands
 from stereo_seecolor.records import Map, Mask, RangeMap, StereoFrame
@@ -83,9 +83,7 @@ class DeviceMatcher(Matcher):
         )
         found, coarse_fraction = self._search(left, right)
         vertical_px = diagnostics.vertical_px_of(
-            _row_costs(
-                left, right, found.disparity, diagnostics.DIAGNOSTICS_CONSTANTS.vertical_search_px
-            )
+            _row_costs(left, right, found.disparity, diagnostics.VERTICAL_SEARCH_PX)
         )
         repeated = repeating.result()
         found = self._kept(found, repeated | diagnostics.blank(small_left))
@@ -128,9 +126,7 @@ class DeviceMatcher(Matcher):
         forgotten = forgotten.repeat_interleave(self._scale, 0).repeat_interleave(self._scale, 1)[
             :height, :width
         ]
-        disparity = remove_speckles(
-            matched.disparity.masked_fill(forgotten, torch.nan), CONSTANTS.speckle_px
-        )
+        disparity = remove_speckles(matched.disparity.masked_fill(forgotten, torch.nan), SPECKLE_PX)
         best = matched.best.masked_fill(forgotten, torch.nan)
         if self._seen is None:
             return matched._replace(disparity=disparity, best=best)

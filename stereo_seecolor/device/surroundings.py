@@ -10,11 +10,16 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from stereo_seecolor.matching.confidence import BORDER_PX, WEIGHTS
-from stereo_seecolor.matching.context import CONTEXT_CONSTANTS as CONTEXT
-from stereo_seecolor.matching.fattening import FATTENING_CONSTANTS as FATTENING
+from stereo_seecolor.matching.context import EVERY, NEIGHBORHOOD, ROUGHEST_PX
+from stereo_seecolor.matching.fattening import ALONE_LEVELS, NOISE_LEVELS, REACH, SAME_PX, STEP_PX
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX
-from stereo_seecolor.matching.refine import CONSTANTS as REFINE
-from stereo_seecolor.matching.refine import SMOOTHED, WINDOW
+from stereo_seecolor.matching.refine import (
+    LARGEST_STEP_PX,
+    MATCHING_STD_PX,
+    SAMPLES,
+    SMOOTHED,
+    WINDOW,
+)
 from stereo_seecolor.matching.speckles import PER_PX
 
 _BITS_PER_NAT = float(1 / np.log(2))
@@ -43,9 +48,9 @@ def refine(left: Tensor, right: Tensor, disparity: Tensor, best: Tensor) -> Refi
     gg = (gg * known - g * g).clamp(min=1e-6)
     ge = ge * known - g * e
     noise = (ee * known - e * e - ge * ge / gg).clamp(min=1e-4)
-    weight = known_part * REFINE.samples / noise
-    information = gg * weight + 1 / REFINE.matching_std_px**2
-    step = (ge * weight / information).clamp(-REFINE.largest_step_px, REFINE.largest_step_px)
+    weight = known_part * SAMPLES / noise
+    information = gg * weight + 1 / MATCHING_STD_PX**2
+    step = (ge * weight / information).clamp(-LARGEST_STEP_PX, LARGEST_STEP_PX)
     here = base.where(base.isfinite(), best)
     return Refined(here + step, information.rsqrt(), known_part, (here - d * known).abs())
 
@@ -111,12 +116,12 @@ def surroundings(disparity: Tensor, best: Tensor, left: Tensor) -> LocalContext:
     sampled, checked, levels = (_samples(values) for values in (best, disparity, left))
     there, known = sampled.isfinite().to(torch.float32), sampled.nan_to_num()
     mean = _blur(known, 3) / _blur(there, 3).clamp(min=0.1)
-    departure = (known - mean).abs().clamp(max=CONTEXT.roughest_px) * there
-    roughness = _blur(departure, CONTEXT.window) / _blur(there, CONTEXT.window).clamp(min=0.01)
+    departure = (known - mean).abs().clamp(max=ROUGHEST_PX) * there
+    roughness = _blur(departure, NEIGHBORHOOD) / _blur(there, NEIGHBORHOOD).clamp(min=0.01)
     found = sampled.where(sampled.isfinite(), torch.inf)
     farthest = -F.max_pool2d(-found[None], 5, 1, 2)[0]
     return LocalContext(
-        _blur(checked.isfinite().to(torch.float32), CONTEXT.window),
+        _blur(checked.isfinite().to(torch.float32), NEIGHBORHOOD),
         roughness,
         found,
         farthest,
@@ -125,8 +130,8 @@ def surroundings(disparity: Tensor, best: Tensor, left: Tensor) -> LocalContext:
 
 
 def _samples(image: Tensor) -> Tensor:
-    first = CONTEXT.every // 2
-    return image[first :: CONTEXT.every, first :: CONTEXT.every]
+    first = EVERY // 2
+    return image[first::EVERY, first::EVERY]
 
 
 def _blur(image: Tensor, size: int) -> Tensor:
@@ -141,7 +146,7 @@ def log_odds(uniqueness: Tensor, refined: Refined, around: LocalContext) -> Tens
         + WEIGHTS.roughness * (around.roughness + WEIGHTS.least_relief_px).log()
         + WEIGHTS.offset
     )
-    wide = F.interpolate(samples[None, None], scale_factor=CONTEXT.every, mode="bilinear")[0, 0]
+    wide = F.interpolate(samples[None, None], scale_factor=EVERY, mode="bilinear")[0, 0]
     height, width = uniqueness.shape
     wide = F.pad(
         wide[None, None],
@@ -162,27 +167,25 @@ def fattening(
     """(H, W) as ``matching.fattening.fattening``."""
     height, width = best.shape
     rows, columns = (
-        (torch.arange(side, device=best.device) // CONTEXT.every).clamp(max=number - 1)
+        (torch.arange(side, device=best.device) // EVERY).clamp(max=number - 1)
         for side, number in zip(best.shape, around.farthest.shape, strict=True)
     )
-    reach, level = FATTENING.reach, left / 256
+    level = left / 256
     disparity, levels = (
-        F.pad(around.disparity, (reach,) * 4, value=torch.nan),
-        F.pad(around.levels, (reach,) * 4),
+        F.pad(around.disparity, (REACH,) * 4, value=torch.nan),
+        F.pad(around.levels, (REACH,) * 4),
     )
     behind, n_behind, own, n_own = torch.zeros((4, height, width), device=best.device)
-    for j in range(2 * reach + 1):
-        for i in range(2 * reach + 1):
+    for j in range(2 * REACH + 1):
+        for i in range(2 * REACH + 1):
             there, gray = (samples[rows + j][:, columns + i] for samples in (disparity, levels))
             apart = there - best
-            is_behind, is_own = apart < -FATTENING.step_px, apart.abs() <= FATTENING.same_px
+            is_behind, is_own = apart < -STEP_PX, apart.abs() <= SAME_PX
             behind, n_behind = behind + gray * is_behind, n_behind + is_behind
             own, n_own = own + gray * is_own, n_own + is_own
-    to_behind = (level - behind / n_behind.clamp(min=1)).abs() + FATTENING.noise_levels
-    to_own = (level - own / n_own).abs().where(
-        n_own > 0, FATTENING.alone_levels
-    ) + FATTENING.noise_levels
-    looked_at = (odds >= least) & (best > around.farthest[rows][:, columns] + FATTENING.step_px)
+    to_behind = (level - behind / n_behind.clamp(min=1)).abs() + NOISE_LEVELS
+    to_own = (level - own / n_own).abs().where(n_own > 0, ALONE_LEVELS) + NOISE_LEVELS
+    looked_at = (odds >= least) & (best > around.farthest[rows][:, columns] + STEP_PX)
     likeness: Tensor = (to_own / (to_behind + to_own)).where(looked_at, 0)
     return likeness
 

@@ -123,9 +123,7 @@ def measure_range(
         return ranged.row, ranged
     hashes = {file.sha256 for file in inputs.values()}
     if len(hashes) < len(inputs) and all(file.stamp.size for file in inputs.values()):
-        raise MatchingError(
-            f"{pair.left} and {pair.right} are the same image: no range is possible"
-        )
+        raise MatchingError(f"{pair.left}: is the same image as {pair.right}: no range is possible")
     image, range_map = source.measure(pair, clock)
     facts = range_facts(range_map) | capture_facts(source.reader.capture(pair.left))
     stage = StageRecord(key, source.settings, facts=facts, warnings=range_map.warnings)

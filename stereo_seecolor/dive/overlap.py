@@ -50,7 +50,7 @@ class OverlapSettings:
     both 1.2 and 1.9 %. Each takes 7 ms.
     """
     loop_reach: float = 1.0
-    """Distance of middles of two pictures, in widths shown, up to which they may show the same."""
+    """Distance of middles of two images, in widths shown, up to which they may show the same."""
     loop_detour: float = 1.5
     """Length of the track between two frames of a loop, in distances between them, at least: on one
     line it is 1.
@@ -226,7 +226,7 @@ def _with_before(
 
 
 def _loops(frame: _Placed, past: Sequence[_Placed]) -> list[_Placed]:
-    """Frames of other lines whose pictures overlap by the chain, the nearest first."""
+    """Frames of other lines whose images overlap by the chain, the nearest first."""
     found = [
         other
         for other in past

@@ -212,7 +212,7 @@ def fit_waters(run: DiveRun, ranges: DiveRanges, light: DiveLight) -> Mapping[st
     notes = fitter.notes()
     # the paper's water has no white point, so that its veil takes part in the cast
     if config.method == "robust":
-        notes += exchanged_channels_notes(some, config)
+        notes += exchanged_channels_notes(some, config, run.frames.config.input.other_channels)
         notes += range_scale_notes(waters, given=not run.frames.source.makes_ranges)
     run.notes += notes
     if key:

@@ -80,7 +80,7 @@ _EDITED = re.compile(
     rb"crs:(?:(hascrop)\s*(?:=\s*[\"']|>)\s*true|(lensprofileenable)\s*(?:=\s*[\"']|>)\s*1"
     rb"|(perspectiveupright)\s*(?:=\s*[\"']|>)\s*[1-9])"
 )
-"""What Adobe's converters write into XMP of a picture whose shape they changed, in small letters: a
+"""What Adobe's converters write into XMP of an image whose shape they changed, in small letters: a
 search for both kinds takes ten times as long.
 """
 _EDITS = (
@@ -93,7 +93,7 @@ ASPECT = 0.02
 
 
 def framing(content: bytes, size: tuple[int, int]) -> str:
-    """How a picture of ``size`` was made from the sensor's, as far as the file's metadata say, such
+    """How an image of ``size`` was made from the sensor's, as far as the file's metadata say, such
     as "has a digital zoom of 1.5"; "" if they say nothing.
     """
     tags = _details(content)

@@ -78,10 +78,10 @@ class Halves(Container):
 
 
 def half_of(pixels: NDArray[Any], side: str, path: Path) -> NDArray[Any]:
-    """The left half of a wide picture, (H, W) or (H, W, C), or the upper half of a high one, for
+    """The left half of a wide image, (H, W) or (H, W, C), or the upper half of a high one, for
     "left"; else the other half.
 
-    Raises InputError where the picture, of the file ``path``, cannot be cut in two.
+    Raises InputError where the image, of the file ``path``, cannot be cut in two.
     """
     height, width = pixels.shape[:2]
     across = width >= height

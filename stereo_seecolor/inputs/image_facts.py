@@ -25,8 +25,9 @@ class ImageFacts:
     """The kind of an image.
 
     size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16
-    that hold its values. kind: "color", "monochrome", or "mosaic" (one channel with a Bayer
-    pattern). bayer: the pattern, "none" for the others.
+    that hold its values; 16 where all are even, which fewer bits are that were shifted. kind:
+    "color", "monochrome", or "mosaic" (one channel with a Bayer pattern). bayer: the pattern,
+    "none" for the others.
     """
 
     size: tuple[int, int]
@@ -43,7 +44,8 @@ def image_facts(path: Path) -> ImageFacts:
     if pixels.dtype.kind == "f":  # a range map, as a rule, with NaN in it
         return ImageFacts(size, bits, bits, "monochrome" if pixels.ndim == 2 else "color")
     highest = int(pixels.max(initial=0))
-    used = next((number for number in (8, 10, 12, 14) if highest < 1 << number), 16)
+    shifted = highest > 0 and int(np.bitwise_or.reduce(pixels, axis=None)) & 1 == 0
+    used = next((number for number in (8, 10, 12, 14) if highest < 1 << number and not shifted), 16)
     bayer = _pattern(pixels) if pixels.ndim == 2 else "none"
     kind = (
         "mosaic"

@@ -26,7 +26,7 @@ def read_image(path: str | Path, config: InputConfig | None = None) -> Image:
     """Read a PNG, TIFF, JPEG, BMP, PGM or PPM of 8 or 16 bits as (H, W, 3) RGB; gray is repeated,
     alpha dropped, EXIF applied.
 
-    Raises InputError for a file without an intact picture of 8 or 16 bits.
+    Raises InputError for a file without an intact image of 8 or 16 bits.
     """
     path = Path(path)
     content = read_image_bytes(path)

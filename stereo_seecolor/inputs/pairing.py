@@ -304,7 +304,7 @@ def _settled(
         apart = f" (time stamps are {off_s[len(off_s) // 2]:.3f} s apart, median)" if off_s else ""
         raise InputError(
             f"{where}: no left image matches a right one by name or time stamp{example}{apart}: "
-            "give both files the same name, or set input.timestamp_tolerance_s"
+            "give both files the same name, or set a larger input.timestamp_tolerance_s"
         )
     if not (notes or by_counter) and config.pairing != "name":
         matching.say_how_far(config.timestamp_tolerance_s)

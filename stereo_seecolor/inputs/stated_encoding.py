@@ -22,7 +22,7 @@ LINEAR_GAMMA = 1.0
 writes that of a screen into every file.
 """
 EXIF_IFD, COLOR_SPACE, SRGB = 0x8769, 0xA001, 1
-"""Tags of EXIF 2.3 by which a camera says that its picture is encoded by sRGB,"""
+"""Tags of EXIF 2.3 by which a camera says that its image is encoded by sRGB,"""
 INTEROPERABILITY_IFD, ADOBE_RGB = 0xA005, "R03"
 """or by Adobe RGB (DCF 2.0)."""
 ICC_TAGS, ICC_CURVES = 128, (b"rTRC", b"kTRC")

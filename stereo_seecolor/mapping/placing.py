@@ -1,4 +1,4 @@
-"""Placement of a survey's frames: by their pictures, by given poses, or by both."""
+"""Placement of a survey's frames: by their images, by given poses, or by both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -87,11 +87,11 @@ def place_survey(
 ) -> PlacedSurvey:
     """Place the frames.
 
-    Without a trajectory by the pictures alone. With one, its poses are measured against the
-    pictures, at a few places if they are exact there; then they are taken as they are (exact, or
-    config.poses "given", or where GTSAM is missing), or the frames are placed by pictures and poses
+    Without a trajectory by the images alone. With one, its poses are measured against the
+    images, at a few places if they are exact there; then they are taken as they are (exact, or
+    config.poses "given", or where GTSAM is missing), or the frames are placed by images and poses
     together, each weighted by its errors ("prior"), or, where the poses contradict the images, by
-    the pictures alone. Positions alone move the track by the pictures as a whole.
+    the images alone. Positions alone move the track by the images as a whole.
 
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
@@ -129,7 +129,7 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
 def _placed_by_pictures(
     survey: Survey, config: MappingConfig, trajectory: Trajectory | None
 ) -> PlacedSurvey:
-    """Place the frames by the pictures alone; positions without attitudes, if there are any, move
+    """Place the frames by the images alone; positions without attitudes, if there are any, move
     the track as a whole.
     """
     unknown = np.full(len(survey.index.names), np.nan)
@@ -165,7 +165,7 @@ def _placed_by_poses(
     survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement
 ) -> PlacedSurvey:
     """Compare the given poses with the whole track, and take them as they are, together with the
-    pictures, or not at all.
+    images, or not at all.
     """
     track = odometry.follow(survey)
     edges = [*track.edges]
@@ -197,7 +197,7 @@ def _fitted(
     trajectory: Trajectory,
     config: MappingConfig,
 ) -> PlacedSurvey:
-    """Place the frames by pictures and poses together, or by pictures alone where the poses
+    """Place the frames by images and poses together, or by images alone where the poses
     contradict them or are upside down.
     """
     placed = PlacedSurvey.compared(verdict.placement, verdict, trajectory)
@@ -264,8 +264,8 @@ def _checked_attitudes(
     navigation: Navigation, given: Placement, own: Placement, track: odometry.Track, std_rad: float
 ) -> Navigation:
     """The navigation, which does not fit if its attitudes are too far off, or those of some frames
-    are where the others fit. own: placed by the pictures alone. std_rad: their standard error
-    against the pictures.
+    are where the others fit. own: placed by the images alone. std_rad: their standard error
+    against the images.
     """
     turned, posed = turned_frames(own, given), np.count_nonzero(given.components >= 0)
     if len(turned) >= max(LEAST_TURNED, MOST_TURNED * posed):
@@ -287,7 +287,7 @@ def _checked_attitudes(
 
 
 def by_pictures(track: odometry.Track) -> Placement:
-    """Place the frames of a track by the pictures alone, and add the loops to its edges.
+    """Place the frames of a track by the images alone, and add the loops to its edges.
 
     Raises MappingError if no two frames match.
     """
@@ -297,7 +297,7 @@ def by_pictures(track: odometry.Track) -> Placement:
 def _upright(
     track: odometry.Track, own: Placement, config: MappingConfig
 ) -> tuple[Placement, MarkersFit | None]:
-    """A track by the pictures and markers; z is up by surveyed places, else by the bottom."""
+    """A track by the images and markers; z is up by surveyed places, else by the bottom."""
     own, markers = _to_fiducials(track, own, config)
     return own if markers and markers.control else upright(
         own, track.survey.index, "unknown"

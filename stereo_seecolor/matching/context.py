@@ -10,23 +10,13 @@ from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.gray import Gray
 from stereo_seecolor.records import Map
 
-
-@dataclass(frozen=True)
-class ContextConstants:
-    """Chosen on synthetic scenes and on half of a real dive.
-
-    every: pixels from one sample to the next; denser samples do not improve the confidence.
-    window: side of the neighborhood, samples: 28 pixels, the size of a branching coral, not of a
-    branch.
-    roughest_px: larger deviations are edges or mismatches; they count as this.
-    """
-
-    every: int = 4
-    window: int = 7
-    roughest_px: float = 4.0
-
-
-CONTEXT_CONSTANTS = ContextConstants()
+# chosen on synthetic scenes and on half of a real dive
+EVERY = 4
+"""Pixels from one sample to the next; denser samples do not improve the confidence."""
+NEIGHBORHOOD = 7
+"""Side of the neighborhood, samples: 28 pixels, the size of a branching coral, not of a branch."""
+ROUGHEST_PX = 4.0
+"""Larger deviations are edges or mismatches; they count as this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +42,7 @@ class Context:
         best = _samples(matched.best)
         checked = np.isfinite(_samples(matched.disparity)).astype(np.float32)
         disparity = np.where(np.isnan(best), np.float32(np.inf), best)
-        window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window
+        window = (NEIGHBORHOOD,) * 2
         farthest = cv2.erode(disparity, np.ones((5, 5), np.uint8), borderValue=np.inf)
         levels = _samples(left).astype(np.float32) / 256
         return cls(cv2.blur(checked, window), _roughness(best), disparity, farthest, levels)
@@ -63,7 +53,7 @@ def enlarged(samples: Map, shape: tuple[int, ...]) -> Map:
     height, width = samples.shape
     whole = cv2.resize(
         samples,
-        (width * CONTEXT_CONSTANTS.every, height * CONTEXT_CONSTANTS.every),
+        (width * EVERY, height * EVERY),
         interpolation=cv2.INTER_LINEAR,
     )
     below, beyond = (max(0, side - have) for side, have in zip(shape, whole.shape, strict=True))
@@ -76,18 +66,16 @@ def enlarged(samples: Map, shape: tuple[int, ...]) -> Map:
 
 
 def _samples(image: Any) -> Any:
-    first = CONTEXT_CONSTANTS.every // 2
-    return np.ascontiguousarray(
-        image[first :: CONTEXT_CONSTANTS.every, first :: CONTEXT_CONSTANTS.every]
-    )
+    first = EVERY // 2
+    return np.ascontiguousarray(image[first::EVERY, first::EVERY])
 
 
 def _roughness(best: Map) -> Map:
     there = np.isfinite(best).astype(np.float32)
     known = np.nan_to_num(best)
     mean = cv2.blur(known, (3, 3)) / np.maximum(cv2.blur(there, (3, 3)), np.float32(0.1))
-    departure = np.minimum(np.abs(known - mean), np.float32(CONTEXT_CONSTANTS.roughest_px)) * there
-    window = CONTEXT_CONSTANTS.window, CONTEXT_CONSTANTS.window
+    departure = np.minimum(np.abs(known - mean), np.float32(ROUGHEST_PX)) * there
+    window = (NEIGHBORHOOD,) * 2
     return np.asarray(
         cv2.blur(departure, window) / np.maximum(cv2.blur(there, window), np.float32(0.01))
     )

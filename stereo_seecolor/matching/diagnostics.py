@@ -1,7 +1,5 @@
 """Diagnostics of a pair: images that cannot be matched, and untrustworthy range maps."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -14,69 +12,56 @@ Indices = NDArray[np.int64]
 FULL_SCALE = 65280
 """Gray of 255 in an 8-bit image."""
 
-
-@dataclass(frozen=True)
-class DiagnosticsConstants:
-    """Gray levels are relative to FULL_SCALE. All were chosen on the synthetic reef and on real
-    frames that were degraded on purpose.
-
-    black, saturated: an image is black if its brightest hundredth is darker, saturated if half of
-    it is brighter.
-    texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit
-    level, the effect of rounding.
-    blank, blank_px: a black frame has less contrast than blank (the effect of rounding) in windows
-    of blank_px of the reduced image, and is darker than blank_level, the level of a black frame in
-    JPEG.
-    rim_px: the edge of a black frame lies at the same place in both images at any range, so this
-    margin (half of it less half of blank_px) is left out, too.
-    window: rows and columns of a window in which texture may repeat, pixels of the reduced image.
-    repeated_similarity: least ratio of the second peak of the autocorrelation to the first at which
-    matches are ambiguous.
-    repeated, one_sided: fractions of the image above which there is a warning.
-    excess_px: least excess of a hole in a row over the length of an occlusion for an object that
-    the right image lacks.
-    vertical_gain: fraction by which the cost of shifted rows must be lower than that of unshifted
-    rows; unshifted rows must have a lower cost than some other shifts.
-    vertical_search_px, vertical_px: largest shift of rows that is tested, and the least that causes
-    a warning.
-    detail_px, coarse_px, detail_every: half of the width of the details whose contrast, over that
-    of coarse ones, tells how sharp an image is; of coarse ones; at which columns and rows.
-    least_light: added to what contrast is relative to, since black has none.
-    """
-
-    black: float = 0.02 * FULL_SCALE
-    saturated: float = 0.985 * FULL_SCALE
-    texture: float = 0.25 * 256
-    blank: int = 4
-    blank_px: int = 5
-    rim_px: int = 9
-    blank_level: int = 8 * 256
-    window: tuple[int, int] = (16, 64)
-    repeated_similarity: float = 0.85
-    repeated: float = 0.05
-    one_sided: float = 0.01
-    excess_px: float = 6.0
-    vertical_gain: float = 0.05
-    vertical_search_px: int = 4
-    vertical_px: float = 0.75
-    detail_px: int = 4
-    coarse_px: int = 24
-    detail_every: int = 8
-    least_light: float = 0.01 * FULL_SCALE
-
-
-DIAGNOSTICS_CONSTANTS = DiagnosticsConstants()
+# the limits were chosen on the synthetic reef and on real frames that were degraded on purpose
+BLACK, SATURATED = 0.02 * FULL_SCALE, 0.985 * FULL_SCALE
+"""An image is black if its brightest hundredth is darker, saturated if half of it is brighter."""
+TEXTURE = 0.25 * 256
+"""Least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit level, the
+effect of rounding.
+"""
+BLANK, BLANK_PX, BLANK_LEVEL = 4, 5, 8 * 256
+"""A black frame has less contrast than the first (the effect of rounding) in windows of the second
+of the reduced image, and is darker than the third, the level of a black frame in JPEG.
+"""
+RIM_PX = 9
+"""The edge of a black frame lies at the same place in both images at any range, so this margin
+(half of it less half of BLANK_PX) is left out, too.
+"""
+WINDOW = (16, 64)
+"""Rows and columns of a window in which texture may repeat, pixels of the reduced image."""
+REPEATED_SIMILARITY = 0.85
+"""Least ratio of the second peak of the autocorrelation to the first at which matches are
+ambiguous.
+"""
+REPEATED, ONE_SIDED = 0.05, 0.01
+"""Fractions of the image above which there is a warning."""
+EXCESS_PX = 6.0
+"""Least excess of a hole in a row over the length of an occlusion for an object that the right
+image lacks.
+"""
+VERTICAL_GAIN = 0.05
+"""Fraction by which the cost of shifted rows must be lower than that of unshifted rows; unshifted
+rows must have a lower cost than some other shifts.
+"""
+VERTICAL_SEARCH_PX, VERTICAL_PX = 4, 0.75
+"""Largest shift of rows that is tested, and the least that causes a warning."""
+DETAIL_PX, COARSE_PX, DETAIL_EVERY = 4, 24, 8
+"""Half of the width of the details whose contrast, over that of coarse ones, tells how sharp an
+image is; of coarse ones; at which columns and rows.
+"""
+LEAST_LIGHT = 0.01 * FULL_SCALE
+"""Added to what contrast is relative to, since black has none."""
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
     """Give the reason why a pair, reduced, cannot be matched at all; None if it can."""
     for side, image in (("left", left), ("right", right)):
         half, most = np.percentile(image[::4, ::4], (50, 99))
-        if most < DIAGNOSTICS_CONSTANTS.black:
+        if most < BLACK:
             return f"the {side} image is black"
-        if half > DIAGNOSTICS_CONSTANTS.saturated:
+        if half > SATURATED:
             return f"the {side} image is saturated"
-        if float(image.std()) < DIAGNOSTICS_CONSTANTS.texture:
+        if float(image.std()) < TEXTURE:
             return f"the {side} image is uniform: there is nothing to match"
     if np.array_equal(left, right):
         return "left and right are the same image"
@@ -84,18 +69,16 @@ def unusable(left: Gray, right: Gray) -> str | None:
 
 
 def blank(image: Gray) -> NDArray[np.bool_]:
-    """Mark the pixels of a reduced image that are black and uniform: a frame around the picture,
+    """Mark the pixels of a reduced image that are black and uniform: a frame around the content,
     the corners of a round or an undistorted image, shadows clipped to black. (H, W) bool.
     """
-    around = np.ones((DIAGNOSTICS_CONSTANTS.blank_px, DIAGNOSTICS_CONSTANTS.blank_px), np.uint8)
+    around = np.ones((BLANK_PX, BLANK_PX), np.uint8)
     most, least = cv2.dilate(image, around), cv2.erode(image, around)
-    black = (most < DIAGNOSTICS_CONSTANTS.blank_level) & (
-        most - least < DIAGNOSTICS_CONSTANTS.blank
-    )
+    black = (most < BLANK_LEVEL) & (most - least < BLANK)
     return np.asarray(
         cv2.dilate(
             black.view(np.uint8),
-            np.ones((DIAGNOSTICS_CONSTANTS.rim_px, DIAGNOSTICS_CONSTANTS.rim_px), np.uint8),
+            np.ones((RIM_PX, RIM_PX), np.uint8),
         )
         > 0
     )
@@ -109,8 +92,8 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     """
     height, width = image.shape
     mask = np.zeros(image.shape, np.bool_)
-    rows = min(DIAGNOSTICS_CONSTANTS.window[0], height)
-    columns = min(DIAGNOSTICS_CONSTANTS.window[1], width)
+    rows = min(WINDOW[0], height)
+    columns = min(WINDOW[1], width)
     tops = [*range(0, height - rows, rows), height - rows]
     lefts = [*range(0, width - columns, columns // 2), width - columns]
     windows = np.stack(
@@ -120,12 +103,9 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     power = (np.abs(np.fft.rfft(windows, 2 * columns)) ** 2).sum(axis=-2)
     lags = np.arange(min(search_px, columns // 2) + 1)
     similarity = np.fft.irfft(power)[..., : lags.size] * (columns / (columns - lags))
-    energy = np.maximum(similarity[..., :1], rows * columns * DIAGNOSTICS_CONSTANTS.texture**2)
+    energy = np.maximum(similarity[..., :1], rows * columns * TEXTURE**2)
     past_first_peak = np.maximum.accumulate(similarity < 0.3 * energy, axis=-1)
-    again = (
-        np.where(past_first_peak, similarity / energy, 0).max(axis=-1)
-        > DIAGNOSTICS_CONSTANTS.repeated_similarity
-    )
+    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > REPEATED_SIMILARITY
     for i, j in np.argwhere(again):
         mask[tops[i] : tops[i] + rows, lefts[j] : lefts[j] + columns] = True
     return mask
@@ -134,7 +114,7 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
 def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
     """Return a warning if a large part of the image repeats itself, else None."""
     fraction = float(repeated.mean())
-    if fraction < DIAGNOSTICS_CONSTANTS.repeated:
+    if fraction < REPEATED:
         return None
     return (
         f"the texture repeats over {fraction:.0%} of the left image: many ranges match there, "
@@ -159,7 +139,7 @@ def one_sided_warning(
             cv2.medianBlur(unmatched, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)
         ).mean()
     )
-    if fraction < DIAGNOSTICS_CONSTANTS.one_sided:
+    if fraction < ONE_SIDED:
         return None
     why = (
         "a moving object, a covered lens, or a surface outside matching.min_range_m to "
@@ -175,7 +155,7 @@ def _long_holes(disparity: Map, scale: int) -> NDArray[np.uint8]:
     length = np.diff(columns) - 1
     occluded = np.maximum(np.diff(known), 0) / np.float32(scale)
     long = (length > 0) & (np.diff(rows) == 0)
-    long &= length - occluded > DIAGNOSTICS_CONSTANTS.excess_px
+    long &= length - occluded > EXCESS_PX
     hole = np.zeros(disparity.shape, np.uint8)
     for row, before, after in zip(
         rows[1:][long], columns[:-1][long], columns[1:][long], strict=True
@@ -186,7 +166,7 @@ def _long_holes(disparity: Map, scale: int) -> NDArray[np.uint8]:
 
 def rows_are_off(vertical_px: float) -> bool:
     """Tell whether the same point lies on different rows of the two images; False for NaN."""
-    return abs(vertical_px) >= DIAGNOSTICS_CONSTANTS.vertical_px
+    return abs(vertical_px) >= VERTICAL_PX
 
 
 def vertical_disparity_warning(vertical_px: float) -> str | None:
@@ -201,7 +181,7 @@ def vertical_disparity_warning(vertical_px: float) -> str | None:
 
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
     """How many pixels the right image's rows lie below the left ones'; NaN where unknown."""
-    most = DIAGNOSTICS_CONSTANTS.vertical_search_px
+    most = VERTICAL_SEARCH_PX
     return vertical_px_of(_row_costs(census(left), census(right), disparity, most))
 
 
@@ -209,7 +189,7 @@ def vertical_px_of(cost: NDArray[np.float64]) -> float:
     """The shift of rows, pixels, with the least cost of -most..most; NaN if none is clear."""
     best, most = int(np.argmin(cost)), len(cost) // 2
     compared = cost.max() if best == most else cost[most]
-    if cost[best] >= (1 - DIAGNOSTICS_CONSTANTS.vertical_gain) * compared:
+    if cost[best] >= (1 - VERTICAL_GAIN) * compared:
         return float("nan")
     if not 0 < best < cost.size - 1:
         return float(best - most)
@@ -244,11 +224,11 @@ def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
     that in the left one at the same points; NaN where none are matched.
 
     Medians of the contrast along columns, which disparities do not change. Veil, another tone curve
-    and another exposure change the contrast of all details alike: 0.89 to 1.06 on two drawn dives
-    and a real one with one of these on one side, or with a side that sees one color alone. With
-    right images blurred by 1, 2, 3 pixels 0.8, 0.53, 0.37 (drawn), 0.88, 0.62, 0.43 (real).
+    and another exposure change the contrast of all details alike: 0.89 to 1.06 on two synthetic
+    dives and a real one with one of these on one side, or with a side that sees one color alone.
+    With right images blurred by 1, 2, 3 px 0.8, 0.53, 0.37 (synthetic), 0.88, 0.62, 0.43 (real).
     """
-    reach, every = DIAGNOSTICS_CONSTANTS.coarse_px, DIAGNOSTICS_CONSTANTS.detail_every
+    reach, every = COARSE_PX, DETAIL_EVERY
     y, x, met = _matched(disparity, reach, every)
     if not y.size:
         return float("nan")
@@ -258,13 +238,13 @@ def right_sharpness(left: Gray, right: Gray, disparity: Map) -> float:
 
 def _sharpness(image: Gray, y: Indices, x: Indices) -> float:
     """The contrast of details over that of coarse ones; NaN where there are none."""
-    coarse = _contrast(image, y, x, DIAGNOSTICS_CONSTANTS.coarse_px)
-    fine = _contrast(image, y, x, DIAGNOSTICS_CONSTANTS.detail_px)
+    coarse = _contrast(image, y, x, COARSE_PX)
+    fine = _contrast(image, y, x, DETAIL_PX)
     return fine / coarse if coarse else float("nan")
 
 
 def _contrast(image: Gray, y: Indices, x: Indices, reach: int) -> float:
     """Median contrast of pixels with those ``reach`` rows above and below."""
     above, here, below = (image[y + step, x].astype(np.float64) for step in (-reach, 0, reach))
-    light = above + 2 * here + below + DIAGNOSTICS_CONSTANTS.least_light
+    light = above + 2 * here + below + LEAST_LIGHT
     return float(np.median(np.abs(2 * here - above - below) / light))

@@ -2,7 +2,6 @@
 have none to match.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -13,44 +12,30 @@ from stereo_seecolor.blocks import in_blocks
 from stereo_seecolor.matching.gray import LARGE_IMAGE_PX, Gray, gray, shrink
 from stereo_seecolor.records import Image, StereoFrame
 
-
-@dataclass(frozen=True)
-class TextureConstants:
-    """Thresholds of texture.
-
-    block: side of a block, pixels of the reduced image.
-
-    least_ratio: of the amplitude at half the reduced size to that at the reduced size. White noise
-    0.50 to 0.70; nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom
-    in haze, of which a third still matches, 0.85 (median).
-
-    strong_levels: amplitude, reduced, that no noise reaches: 2 with 10 levels of noise a pixel.
-
-    least_levels: amplitude at half the reduced size, of 255, that rounding and compression reach:
-    0.1 to 0.2 in the water of FLSea's frames; a synthetic bottom in haze 0.15 if hardly a pixel
-    matches, 0.4 if most do.
-
-    least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in
-    the dark 0.44; the water in FLSea's frames 0.00 to 0.20, synthetic open water, even sand and
-    haze 0.00 to 0.19.
-    """
-
-    block: int = 32
-    least_ratio: float = 0.8
-    strong_levels: float = 4.0
-    least_levels: float = 0.3
-    least_fraction: float = 0.25
-
-
-CONSTANTS = TextureConstants()
+BLOCK = 32
+"""Side of a block, pixels of the reduced image."""
+LEAST_RATIO = 0.8
+"""Of the amplitude at half the reduced size to that at the reduced size. White noise 0.50 to 0.70;
+nine of ten blocks of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom in haze, of which
+a third still matches, 0.85 (median).
+"""
+STRONG_LEVELS = 4.0
+"""Amplitude, reduced, that no noise reaches: 2 with 10 levels of noise a pixel."""
+LEAST_LEVELS = 0.3
+"""Amplitude at half the reduced size, of 255, that rounding and compression reach: 0.1 to 0.2 in
+the water of FLSea's frames; a synthetic bottom in haze 0.15 if hardly a pixel matches, 0.4 if most
+do.
+"""
+LEAST_FRACTION = 0.25
+"""Of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in the dark 0.44;
+the water in FLSea's frames 0.00 to 0.20, synthetic open water, even sand and haze 0.00 to 0.19.
+"""
 
 
 def sides_without_texture(frame: StereoFrame) -> tuple[str, ...]:
     """Name the sides ("left", "right") with too little texture for matching."""
     images = (("left", frame.left), ("right", frame.right))
-    return tuple(
-        side for side, image in images if textured_fraction(image) < CONSTANTS.least_fraction
-    )
+    return tuple(side for side, image in images if textured_fraction(image) < LEAST_FRACTION)
 
 
 def textured_fraction(image: Image) -> float:
@@ -61,13 +46,11 @@ def textured_fraction(image: Image) -> float:
     """
     whole = gray(image)
     small = shrink(whole, 4 if whole.size > LARGE_IMAGE_PX else 2)
-    if min(small.shape) < CONSTANTS.block:
+    if min(small.shape) < BLOCK:
         return 1.0  # too small to tell
-    fine = _amplitude(small, CONSTANTS.block)
-    coarse = _amplitude(shrink(small, 2), CONSTANTS.block // 2)[: fine.shape[0], : fine.shape[1]]
-    textured = (coarse > CONSTANTS.least_ratio * fine) & (coarse > CONSTANTS.least_levels) | (
-        fine > CONSTANTS.strong_levels
-    )
+    fine = _amplitude(small, BLOCK)
+    coarse = _amplitude(shrink(small, 2), BLOCK // 2)[: fine.shape[0], : fine.shape[1]]
+    textured = (coarse > LEAST_RATIO * fine) & (coarse > LEAST_LEVELS) | (fine > STRONG_LEVELS)
     return float(textured.mean())
 
 

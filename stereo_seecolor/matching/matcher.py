@@ -1,6 +1,6 @@
 """The matching stage: ``Matcher`` computes the range map of a rectified pair."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,20 +22,11 @@ from stereo_seecolor.matching.triangulation import RangeMaps
 from stereo_seecolor.plugins import checked, load
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
-
-@dataclass(frozen=True)
-class MatcherConstants:
-    """Constants that do not depend on the engine.
-
-    speckle_px: connected patches smaller than this are mismatches. strip: rows that are refined,
-    judged and triangulated together, while they are in the processor's cache.
-    """
-
-    speckle_px: int = 100
-    strip: int = 128
-
-
-CONSTANTS = MatcherConstants()
+SPECKLE_PX = 100
+"""Connected patches smaller than this are mismatches."""
+STRIP = 128
+"""Rows that are refined, judged and triangulated together, while they are in the processor's cache.
+"""
 
 
 class Matcher:
@@ -167,7 +158,7 @@ class Matcher:
         Returns:
             The range map.
         """
-        remove_speckles(found.disparity, CONSTANTS.speckle_px)
+        remove_speckles(found.disparity, SPECKLE_PX)
         if self.seen_left is not None:
             found.forget(~self.seen_left)
         context = Context.of(found, pair.left)
@@ -177,10 +168,7 @@ class Matcher:
         least = self._config.min_confidence
         limits_m = self._config.min_range_m, self._config.max_range_m
         height = len(found.disparity)
-        strips = [
-            slice(first, min(first + CONSTANTS.strip, height))
-            for first in range(0, height, CONSTANTS.strip)
-        ]
+        strips = [slice(first, min(first + STRIP, height)) for first in range(0, height, STRIP)]
 
         def judge(rows: slice) -> None:
             disparity, confidence = maps.disparity[rows], maps.confidence[rows]

@@ -1,7 +1,5 @@
 """The engine ``opencv``, semi-global block matching: to compare, and where numba cannot run."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,25 +8,14 @@ from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, MatchedDisparit
 from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.records import StereoFrame
 
-
-@dataclass(frozen=True)
-class BlockMatchingConstants:
-    """Parameters of cv2.StereoSGBM.
-
-    block: side of a block, pixels. p1, p2: penalties per pixel of a block, from OpenCV's examples
-    for one channel.
-    uniqueness_percent: least excess of the second best cost over the best, percent. left_right_px:
-    largest difference in the left-right check.
-    """
-
-    block: int = 3
-    p1: int = 8
-    p2: int = 32
-    uniqueness_percent: int = 10
-    left_right_px: int = 1
-
-
-CONSTANTS = BlockMatchingConstants()
+BLOCK = 3
+"""Side of a block, pixels."""
+P1, P2 = 8, 32
+"""Penalties per pixel of a block, from OpenCV's examples for one channel."""
+UNIQUENESS_PERCENT = 10
+"""Least excess of the second best cost over the best."""
+LEFT_RIGHT_PX = 1
+"""Largest difference in the left-right check."""
 
 
 class OpenCvMatching:
@@ -43,15 +30,15 @@ class OpenCvMatching:
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
         """Find the disparities of a pair, in sixteenths of a pixel."""
-        area = CONSTANTS.block**2
+        area = BLOCK**2
         matcher = cv2.StereoSGBM.create(
             minDisparity=self._lowest,
             numDisparities=self._count,
-            blockSize=CONSTANTS.block,
-            P1=CONSTANTS.p1 * area,
-            P2=CONSTANTS.p2 * area,
-            disp12MaxDiff=CONSTANTS.left_right_px,
-            uniquenessRatio=CONSTANTS.uniqueness_percent,
+            blockSize=BLOCK,
+            P1=P1 * area,
+            P2=P2 * area,
+            disp12MaxDiff=LEFT_RIGHT_PX,
+            uniquenessRatio=UNIQUENESS_PERCENT,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
         fixed = matcher.compute(self._padded(pair.left), self._padded(pair.right))[

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration import Rectification
 from calibration.verification.matches import find_matches
+from calibration.verification.mistake_table import EXCHANGE, EXCHANGED
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.image_texture import sides_without_texture
@@ -50,14 +51,19 @@ class PairCheck:
 
     match: computes the range map of a raw pair, also to test another pairing:
     ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
-    rectification: of the rig; it distinguishes a wrong calibration from another scene.
+    rectification: of the rig; it distinguishes a wrong calibration from another scene. refines:
+    whether the settings ask for a rig that is refined on the dive.
     """
 
     def __init__(
-        self, match: Callable[[StereoFrame], RangeMap], rectification: Rectification | None = None
+        self,
+        match: Callable[[StereoFrame], RangeMap],
+        rectification: Rectification | None = None,
+        refines: bool = False,
     ) -> None:
         self._match = match
         self._rectification = rectification
+        self._cure = "" if refines else " (run --refine corrects this)"
         self._tries_left = PAIR_CHECK_CONSTANTS.swap_tries
         self._swapped_pair: str | None = None
         self._lock = Lock()
@@ -108,8 +114,8 @@ class PairCheck:
             return ""
         return (
             f"{ROWS_OFF} by {rows_px:.1f} px (median of {len(found.left)} points that both images "
-            "show): a camera has moved since the calibration (run --refine corrects this), or the "
-            "images were not exposed at the same moment"
+            f"show): a camera has moved since the calibration{self._cure}, or the images were not "
+            "exposed at the same moment"
         )
 
     def _check_swapped(self, name: str, matched: float, raw: Callable[[], StereoFrame]) -> None:
@@ -124,15 +130,11 @@ class PairCheck:
                         f"{matched:.0%} of the pixels match as given and {other:.0%} the "
                         "other way round"
                     )
-                    raise MatchingError(
-                        f"{name}: left and right look swapped: {numbers}: exchange --left and "
-                        "--right"
-                    )
+                    raise MatchingError(f"{name}: {EXCHANGED}: {numbers}: {EXCHANGE}")
         if self._swapped_pair is not None:
             raise MatchingError(
-                f"{name}: left and right look swapped: {matched:.0%} of the pixels match as "
-                f"given, and {self._swapped_pair} "
-                "matched better the other way round: exchange --left and --right"
+                f"{name}: {EXCHANGED}: {matched:.0%} of the pixels match as given, and "
+                f"{self._swapped_pair} matched better the other way round: {EXCHANGE}"
             )
 
 

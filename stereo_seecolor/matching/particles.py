@@ -17,9 +17,9 @@ from stereo_seecolor.records import Image, Map, Mask, RangeMap, StereoFrame
 
 @dataclass(frozen=True)
 class ParticleLimits:
-    """How much brighter than the right image a particle is. Of drawn marine snow and hot pixels 97
-    to 99 % of the pixels are found; in drawn and real images without them, at most 0.2 % of the
-    pixels are taken for particles.
+    """How much brighter than the right image a particle is. Of synthetic marine snow and hot pixels
+    97 to 99 % of the pixels are found; in synthetic and real images without them, at most 0.2 % of
+    the pixels are taken for particles.
     """
 
     differences: float = 8.0

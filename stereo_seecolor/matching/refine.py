@@ -1,6 +1,5 @@
 """Sub-pixel refinement by one least-squares step of registration (Lucas and Kanade 1981)."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -18,31 +17,21 @@ written out for them.
 PIXELS = WINDOW**2
 MOMENTS = 7
 
-
-@dataclass(frozen=True)
-class RefineConstants:
-    """Limits and weights of the refinement.
-
-    largest_step_px: the largest step; a correct match is right to a pixel. matching_std_px:
-    standard error of the integer disparity; if the images contain less information than this, the
-    step shrinks to zero. samples: independent pixels in a window: the blur before matching has
-    correlated their noise over 4 pi sigma^2.
-    repeated_strips, repeated_rows: the refinement is repeated on so many strips of so many rows.
-    repeated_stds: how far it moves disparities, in standard errors, where these are right.
-    """
-
-    largest_step_px: float = 1.0
-    matching_std_px: float = 0.3
-    samples: float = PIXELS / (4 * np.pi * SMOOTHING_PX**2)
-    repeated_strips: int = 4
-    repeated_rows: int = 24
-    repeated_stds: float = 0.55
-
-
-CONSTANTS = RefineConstants()
-_LARGEST_STEP = CONSTANTS.largest_step_px
-_PRIOR = 1 / CONSTANTS.matching_std_px**2
-_SAMPLES = CONSTANTS.samples
+LARGEST_STEP_PX = 1.0
+"""Of the refinement: a correct match is right to a pixel."""
+MATCHING_STD_PX = 0.3
+"""Standard error of the integer disparity; if the images contain less information than this, the
+step shrinks to zero.
+"""
+SAMPLES = PIXELS / (4 * np.pi * SMOOTHING_PX**2)
+"""Independent pixels in a window: the blur before matching has correlated their noise over 4 pi
+sigma^2.
+"""
+REPEATED_STRIPS, REPEATED_ROWS = 4, 24
+"""The refinement is repeated on so many strips of so many rows."""
+REPEATED_STDS = 0.55
+"""How far it moves disparities, in standard errors, where these are right."""
+_PRIOR = 1 / MATCHING_STD_PX**2
 _LEAST = np.float32(1e-3)
 
 
@@ -94,8 +83,8 @@ def error_factor(left: Gray, right: Gray, disparity: Map) -> float:
     Returns:
         1 or more; 1 where hardly any disparities are known.
     """
-    gain, rows = np.float32(contrast_gain(left, right)), CONSTANTS.repeated_rows
-    firsts = np.linspace(0, max(len(disparity) - rows, 0), CONSTANTS.repeated_strips + 2)[1:-1]
+    gain, rows = np.float32(contrast_gain(left, right)), REPEATED_ROWS
+    firsts = np.linspace(0, max(len(disparity) - rows, 0), REPEATED_STRIPS + 2)[1:-1]
     moved = []
     for first in firsts.astype(int):
         strip = slice(first, first + rows)
@@ -109,7 +98,7 @@ def error_factor(left: Gray, right: Gray, disparity: Map) -> float:
     every = np.concatenate(moved)
     if every.size < PIXELS:
         return 1.0
-    return max(1.0, 1.4826 * float(np.median(every)) / CONSTANTS.repeated_stds)
+    return max(1.0, 1.4826 * float(np.median(every)) / REPEATED_STDS)
 
 
 @compiled
@@ -292,8 +281,8 @@ def _solve(base: Any, best: Any, moments: Any, refined: Any, std: Any, relief: A
 
     base: disparities that passed the checks, smoothed; elsewhere ``best`` takes its place.
     """
-    one, largest = np.float32(1), np.float32(_LARGEST_STEP)
-    prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)
+    one, largest = np.float32(1), np.float32(LARGEST_STEP_PX)
+    prior, samples = np.float32(_PRIOR), np.float32(SAMPLES)
     least, dark, still = np.float32(0.02), np.float32(1e-6), np.float32(1e-4)
     known_row, g_row, e_row = moments[0], moments[1], moments[2]
     gg_row, ge_row, ee_row = moments[3], moments[4], moments[5]

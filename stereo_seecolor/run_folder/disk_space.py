@@ -38,7 +38,7 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
     return pixels * total
 
 
-def check_disk(root: Path, pairs: int, pair_bytes: float) -> tuple[str, bool]:
+def check_disk(root: Path, pairs: int, pair_bytes: float, output: OutputConfig) -> tuple[str, bool]:
     """One line on the space that so many pairs need on the disk of OUT, for the user, before the
     work begins; and whether the disk may turn out too small. Raises OutputError where it is.
     """
@@ -46,7 +46,6 @@ def check_disk(root: Path, pairs: int, pair_bytes: float) -> tuple[str, bool]:
     needs = f"{counted(pairs, 'pair')} need{'s' if pairs == 1 else ''}"
     line = f"disk: {needs} about {need / 1e9:.2g} GB, and {free / 1e9:.2g} GB are free"
     if need * BYTES.least > free:
-        raise OutputError(
-            f"{root}: {line}: set output.preset=lean, or choose an --out on another disk"
-        )
+        lean = "" if output.preset == "lean" else "set output.preset=lean, or "
+        raise OutputError(f"{root}: {line}: {lean}choose an --out on another disk")
     return line, need > free

@@ -31,6 +31,8 @@ class Limits:
 LIMITS = Limits()
 LITTLE_RELIEF = "little relief"
 """What the warning begins with of a water whose attenuation is the prior's."""
+SHARE = "; use color.lock=survey"
+"""What helps a water of some frames whose ranges do not determine it."""
 
 _LIGHT, _RATE = (0.0, LIMITS.light), (0.0, LIMITS.rate_per_m)
 _SIGNED = (-LIMITS.rate_per_m, LIMITS.rate_per_m)

@@ -51,7 +51,8 @@ class Water:
             prior. They are marginal: each includes the uncertainty of all other parameters. The
             method ``robust`` gives those of y, w, beta, gamma_inf, and of white (of its color: its
             level is exposure); the method ``paper`` none.
-        input_encoding: Encoding of the images to which it was fitted.
+        input_encoding: as-is for one that was fitted to values as they are; else it is of linear
+            light, however the images encode that.
         warnings: Of the fit, one line each.
         exposure: Gain at which its frames are shown; None where each frame has its own.
         highlights: At that exposure, light of up to this multiple of full scale is compressed to
@@ -109,9 +110,8 @@ class Water:
         numbers = ", ".join(
             f"{name}=[{', '.join(f'{v:.3g}' for v in value)}]" for name, value in shown.items()
         )
-        return (
-            f"Water({numbers}, {self.input_encoding}{', with warnings' if self.warnings else ''})"
-        )
+        as_is = ", as-is" if self.input_encoding == "as-is" else ""
+        return f"Water({numbers}{as_is}{', with warnings' if self.warnings else ''})"
 
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """The backscatter B_c(z).

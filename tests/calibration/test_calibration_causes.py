@@ -172,6 +172,7 @@ def test_a_zoom_of_both_sides_in_the_dive_is_named() -> None:
         (None, turned(pitch=np.radians(2)), PITCH, r"\(pitch\) by \+2 "),
         (affine(scale=1.06), None, "images of the right side cropped", "enlarged 1.06 "),
         (both(1.4), None, CUT, r"enlarged 1\.(39|40|41) "),
+        (affine(scale=0.94), None, "images of the right side with a wider view", r"at 0\.94 "),
         (None, in_air(), "flat port", r"index 1\.3[345] "),
         (None, bent("right", 0.05), "distortion of the right lens", r"k1 by \+0\.0(49|5|51) "),
         (
@@ -193,6 +194,7 @@ def test_a_zoom_of_both_sides_in_the_dive_is_named() -> None:
         "pitch",
         "one side cut out",
         "both cut out",
+        "one side wider",
         "air",
         "one lens",
         "without distortion",

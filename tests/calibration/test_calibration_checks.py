@@ -122,7 +122,7 @@ def test_one_camera_on_both_sides_is_named(lower_px: float) -> None:
             rig, [Matches(*rectified_points(rig, left, left + np.array([0, lower_px])))]
         )
         assert check.one_picture and not check.acceptable and not check.has_moved
-        assert check.advice[0].startswith("both sides show one camera's picture")
+        assert check.advice[0].startswith("both sides show one camera's image")
 
 
 @pytest.mark.slow

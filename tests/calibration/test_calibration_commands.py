@@ -236,9 +236,10 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "640x480")[0] == 0
     four = OPENCV.replace(", 1.6e-01 ]", " ]").replace(", -7e-3 ]", " ]")
     (tmp_path / "four.yml").write_text(four)
-    printed = cli(
+    code, printed, _ = cli(
         "convert-calib", tmp_path / "four.yml", tmp_path / "from_four.yaml", "--size", "640x480"
-    )[1]
+    )
+    assert code == 3
     assert (
         "note: 4 coefficients as OpenCV's k1 k2 p1 p2: used, but the file can be read in 2 ways"
         in printed

@@ -49,6 +49,8 @@ def test_a_cut_out_is_no_resizing() -> None:
     ):
         resized_rig(RIG, (640, 400))
     assert "a crop or another camera" in wrong_size("left", (640, 400), (640, 480))
+    narrow = wrong_size("left", (1440, 1080), (1920, 1080))
+    assert "sample aspect ratio" in narrow and "with square pixels, 1920x1080" in narrow
 
 
 def test_a_right_image_alone_of_another_size_is_not_mended_by_the_calibration() -> None:

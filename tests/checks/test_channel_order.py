@@ -40,7 +40,7 @@ def test_exchanged_channels_are_named(name: str) -> None:
     def notes(seen: NDArray[np.uint8]) -> tuple[str, ...]:
         config = ColorConfig(input_encoding="srgb")
         frames = CountedFrames.of([("a", measure(seen, range_m))], config)
-        return exchanged_channels_notes(frames.classes, config)
+        return exchanged_channels_notes(frames.classes, config, InputConfig().other_channels)
 
     assert notes(image) == ()
     named = notes(image[..., ::-1].copy())
@@ -71,8 +71,15 @@ def test_the_image_is_named_from_which_on_red_and_blue_are_exchanged(
         pairs.append(Pair(path.stem, path, path))
     notes = channel_order(DiveImages(pairs, RunConfig())).notes
     assert len(notes) == bool(exchanged)
+    blue_first = RunConfig(input=InputConfig(channels="bgr"))
+    for of_setting, other in (
+        (notes, "bgr"),
+        (channel_order(DiveImages(pairs, blue_first)).notes, "rgb"),
+    ):
+        assert all(line.endswith(f"--set input.channels={other}") for line in of_setting)
     last = "and the following images" if exchanged and exchanged[-1] == 39 else "to 0022.png"
     assert all(f"{exchanged[0]:04d}.png {last}" in line for line in notes)
+    assert all("another white balance" in line for line in notes)  # no point tells
 
 
 def test_sides_of_which_one_has_red_and_blue_exchanged_are_named(tmp_path: Path) -> None:
@@ -80,14 +87,38 @@ def test_sides_of_which_one_has_red_and_blue_exchanged_are_named(tmp_path: Path)
     image = cv2.imread(str(next((REEF / "left").iterdir())))
     other = np.clip(image * [0.95, 1.0, 1.06] + 2, 0, 255).astype(np.uint8)
     gray = np.repeat(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)[..., None], 3, axis=2)
+    cases = {"alike": other, "exchanged": other[..., ::-1], "gray": gray}
+    cases["another balance"] = _balanced(image)
     named = {}
-    for name, right in {"alike": other, "exchanged": other[..., ::-1], "gray": gray}.items():
+    for name, right in cases.items():
         paths = [tmp_path / f"{name}_{side}.png" for side in ("left", "right")]
         for path, picture in zip(paths, (image, right), strict=True):
             cv2.imwrite(str(path), picture)
         found = order_of_sides(DiveImages([Pair(name, *paths)], RunConfig()))
         named[name] = found.wrong
-    assert named == {"alike": frozenset(), "exchanged": {"colors"}, "gray": frozenset()}
+    assert {name for name, wrong in named.items() if wrong == {"colors"}} == {"exchanged"}
+
+
+def _balanced(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W, 3) B, G, R with a white balance by which red and blue seem to be exchanged."""
+    dark = image / 255.0 * [0.33, 1.0, 2.6]
+    return np.clip(255 * dark, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("is_exchanged", [True, False])
+def test_another_white_balance_is_not_exchanged_channels(
+    tmp_path: Path, is_exchanged: bool
+) -> None:
+    """From the fourth image of a dive on, which shows the same reef as those before."""
+    image, pairs = cv2.imread(str(next((REEF / "left").iterdir()))), []
+    changed = image[..., ::-1] if is_exchanged else _balanced(image)
+    for number in range(6):
+        path = tmp_path / f"{number}.png"
+        cv2.imwrite(str(path), np.roll(image if number < 3 else changed, 20 * number, axis=1))
+        pairs.append(Pair(path.stem, path, path))
+    notes = channel_order(DiveImages(pairs, RunConfig())).notes
+    assert len(notes) == is_exchanged
+    assert not any("white balance" in line for line in notes)
 
 
 @pytest.mark.parametrize(("first", "last"), [(3, 5), (0, 2)])

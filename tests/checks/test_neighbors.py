@@ -163,3 +163,15 @@ def test_a_camera_that_stalled_is_named(make_dive, side: str, name: str) -> None
     rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
     (note,) = misfit_notes(pairs, {pairs[3].name, pairs[4].name}, rectification, InputConfig())
     assert f"the {name} images are all that of {pairs[2].name}: the {name} camera stalled" in note
+
+
+@pytest.mark.slow
+def test_cameras_that_count_on_their_own_are_named(make_dive, tmp_path: Path) -> None:
+    """Of a few numbers that coincide, farther apart than neighbors are compared."""
+    dive = make_dive(8)
+    renumber(dive.root / "L", 0)
+    renumber(dive.root / "R", 5)
+    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+    assert (summary.count("failed"), summary.count("unpaired")) == (3, 10)
+    (note,) = (note for note in summary.notes if "counted" in note)
+    assert note.startswith("0026.png fits 0031.png, not 0026.png: each camera counted its 8 images")

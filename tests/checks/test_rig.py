@@ -82,7 +82,7 @@ def test_one_cameras_pictures_on_both_sides_are_refused(cli, tmp_path: Path) -> 
     ):
         code, printed, said = cli(*command)
         assert code == expected
-        assert "both sides show one camera's picture" in printed + said
+        assert "both sides show one camera's image" in printed + said
     sides = (tmp_path / "left", tmp_path / "right")
     assert cli("inspect", *sides, tmp_path / "cam.yaml")[0] == 3
 

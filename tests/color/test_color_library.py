@@ -40,6 +40,14 @@ def test_a_frame_is_what_the_corrector_makes_of_it(dtype: type) -> None:
     assert np.array_equal(correct(image, range_m, water).image, expected.image)
 
 
+@pytest.mark.parametrize("flat_m", [2.0, 2.3])
+def test_a_water_of_the_whole_dive_is_not_to_be_shared(flat_m: float) -> None:
+    image, range_m = frame()
+    flat = np.geomspace(2.0, flat_m, range_m.size, dtype=np.float32).reshape(range_m.shape)
+    said = [fit(image, flat, ColorConfig(lock=lock)).warnings[0] for lock in ("auto", "survey")]
+    assert said[0] == f"{said[1]}; use color.lock=survey"
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_tensors_in_tensors_out(dtype: type) -> None:
     image, range_m = frame(dtype=dtype)

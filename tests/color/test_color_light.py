@@ -124,7 +124,7 @@ def test_pattern_and_gains_come_back() -> None:
     assert np.abs(measured.mean()) < 1e-9
     assert found.luminance.after.between_views < 0.6 * found.luminance.before.between_views
     assert found.luminance.after.between_frames < 0.3 * found.luminance.before.between_frames
-    assert "uneven light over the picture" in found.note
+    assert "uneven light over the image" in found.note
     assert found.content()["luminance"]["used"][0] == "pattern"
 
 
@@ -483,9 +483,9 @@ def test_a_few_frames_give_a_pattern_of_brightness_and_more_reef_one_of_color(
     found = solve_light(crossing(pictures, patches), ["a", "b", "c"], SIZE, ALL)
     assert found is not None
     assert (found.luminance.use.pattern, found.color.use.pattern) == used
-    assert (
-        "color not corrected for it: the camera crossed 0.3 pictures of reef" in found.note
-    ) == (used == (True, False))
+    assert ("color not corrected for it: the reef moved by 0.3 image sizes" in found.note) == (
+        used == (True, False)
+    )
     assert ("only 100 spots are seen by two frames" in found.note) == (not any(used))
 
 

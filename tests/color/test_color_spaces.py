@@ -130,6 +130,10 @@ def test_a_profile_states_the_space(tmp_path: Path, name: str) -> None:
     config, notes = settle_response(RunConfig(), save(tmp_path / name, icc_profile=profile))
     assert config.color.space == "adobe-rgb"
     assert "response: the first file states Adobe RGB: colors are converted to sRGB" in notes
+    pairs = save(tmp_path / name, icc_profile=profile)
+    (tmp_path / "0").write_bytes(b"")
+    damaged = Pair("0", tmp_path / "0", tmp_path / "0")
+    assert settle_response(RunConfig(), [damaged, *pairs])[0].color.space == "adobe-rgb"
     as_read = RunConfig.model_validate({"color": {"input_space": "srgb"}})
     config, _ = settle_response(as_read, save(tmp_path / name, icc_profile=profile))
     assert config.color.space == "srgb"

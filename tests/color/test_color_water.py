@@ -132,3 +132,4 @@ def test_its_text_is_one_short_line() -> None:
     text = repr(some_water())
     assert text.startswith("Water(transmission_1m=[")
     assert len(text) < 160
+    assert "srgb" not in text and "as-is" in repr(replace(some_water(), input_encoding="as-is"))

@@ -183,6 +183,11 @@ def test_the_settings_of_a_run_hold_what_was_measured(tmp_path: Path) -> None:
     assert notes[0].startswith("response: linear light") and "pedestal" in notes[0]
     given = RunConfig.model_validate({"color": {"input_encoding": "srgb"}})
     assert settle_response(given, pairs) == (given, ())
+    (tmp_path / "damaged.png").write_bytes(b"")
+    damaged = Pair("a", tmp_path / "damaged.png", tmp_path / "damaged.png")
+    among = [part for pair in pairs for part in (damaged, pair, damaged)]
+    assert settle_response(RunConfig(), [damaged] * 9 + among)[0] == config
+    assert settle_response(RunConfig(), [damaged]) == (RunConfig(), ())
 
 
 def png_with(path: Path, kind: bytes, data: bytes) -> None:

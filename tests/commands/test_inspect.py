@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import REEF
 from small_dives import write_short_reef
 from test_inputs_video import smooth_frames, write_video
 from test_neighbors import renumber
@@ -109,7 +110,7 @@ def test_the_printed_command_works_and_inspect_writes_nothing(
     dive = make_dive(2)
     before = sorted(tmp_path.rglob("*"))
     code, printed = cli("inspect", str(dive.root))
-    assert code == 0
+    assert (code, " GB, without a map (--fuse)\n" in printed) == (0, True)
     assert sorted(tmp_path.rglob("*")) == before
     monkeypatch.chdir(tmp_path)
     code, _ = cli(*shlex.split(printed.splitlines()[-1])[1:])
@@ -367,7 +368,7 @@ def test_trajectories_are_named(make_dive, cli) -> None:
     (dive.root / "nav.csv").write_text(
         "name,lat,lon,depth,heading\n0000.png,1,2,3,4\n0002.png,1,2,3,4\n0009.png,1,2,3,4\n"
     )
-    (dive.root / "a.tum").write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")
+    (dive.root / "a.tum").write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")  # frames have no time
     (dive.root / "notes.txt").write_text("visibility 5 m\n")
     (dive.root / "usbl.csv").write_text("time,lat,lon,depth\n1,1,2,3\n2,1,2,3\n")
     found = inspect([dive.root])
@@ -383,6 +384,25 @@ def test_trajectories_are_named(make_dive, cli) -> None:
     ]
     _, printed = cli("inspect", str(dive.root))
     assert "nav.csv (table of navigation): 3 poses, for 2 of 3 pairs by name" in printed
+
+
+@pytest.mark.slow
+def test_trajectories_are_compared_with_the_pairs_as_a_map_does(tmp_path: Path, cli) -> None:
+    """By image numbers, too; a clock that is a year off is named, and no map with it proposed."""
+    track = np.loadtxt(REEF / "trajectory.tum")
+    for name, times_s in {"number": np.arange(12), "year": track[:, 0] + 3.15e7}.items():
+        np.savetxt(tmp_path / f"{name}.tum", np.column_stack([times_s, track[:, 1:]]))
+    _, printed = cli("inspect", *(str(REEF / side) for side in ("left", "right")), str(tmp_path))
+    lines = {
+        name: [line for line in printed.splitlines() if f"{name}.tum" in line]
+        for name in ("number", "year")
+    }
+    read, note = lines["number"]
+    assert "12 poses, for 12 of 12 pairs by time; for a map" in read
+    assert "read as image numbers" in note
+    read, note = lines["year"]
+    assert read.endswith("12 poses, for 0 of 12 pairs by time")
+    assert "it begins 364.583 days after the first frame" in note
 
 
 def test_an_archive_beside_the_images_is_named_where_no_calibration_is(tmp_path: Path) -> None:

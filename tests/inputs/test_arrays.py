@@ -132,3 +132,21 @@ def test_a_package_of_the_same_name_as_ours_is_named(tmp_path: Path) -> None:
     assert shown.returncode
     last = shown.stderr.splitlines()[-1]
     assert f"another package called calibration ({tmp_path / 'calibration.py'})" in last
+
+
+@pytest.mark.parametrize(("bits", "error"), [(10, "is black"), (12, "")])
+def test_arrays_of_fewer_bits_are_named_until_one_has_more(
+    make_dive, bits: int, error: str
+) -> None:
+    dive = make_dive(1, dtype=np.uint16)
+    deep = StereoFrame("a", *(read_image(dive.root / side / "0000.png") for side in "LR"))
+    few = replace(deep, left=deep.left >> (16 - bits), right=deep.right >> (16 - bits))
+    pipeline = Pipeline(dive.root / "cam.yaml")
+    said = f"if the camera has {bits} bits, multiply them by {1 << 16 - bits} "
+    if error:
+        with pytest.raises(MatchingError, match=f"{error}.*{said}"):
+            pipeline.process(few)
+    else:
+        assert said in " ".join(pipeline.process(few).warnings)
+        assert "if the camera has" not in " ".join(pipeline.process(deep).warnings)
+        assert "if the camera has" not in " ".join(pipeline.process(few).warnings)

@@ -123,7 +123,7 @@ def test_both_sides_in_each_image(tmp_path: Path, axis: int, dtype: type) -> Non
         frame = FrameReader(config).read(pair)
         assert pair.name == "7"
         np.testing.assert_array_equal([frame.left, frame.right], order)
-    assert "input.right_half_first=true" in EXCHANGE
+    assert "change input.right_half_first" in EXCHANGE
 
 
 def test_halves_keep_what_the_camera_recorded(tmp_path: Path) -> None:

@@ -152,7 +152,8 @@ def mosaic() -> np.ndarray:
         (SMOOTH[..., 0], "monochrome", 8, 8),
         (np.repeat(SMOOTH[..., :1], 3, axis=2), "monochrome", 8, 8),
         (mosaic(), "mosaic", 8, 8),
-        (SMOOTH.astype(np.uint16) * 16, "color", 16, 12),
+        (SMOOTH.astype(np.uint16) * 16 + 15, "color", 16, 12),
+        (SMOOTH.astype(np.uint16) * 16, "color", 16, 16),  # dark, of 12 bits that were shifted
         (SMOOTH.astype(np.uint16) * 257, "color", 16, 16),
     ],
 )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.run import correct, run
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.file_form import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
@@ -44,6 +44,10 @@ def test_eight_bits_and_what_is_set_stay(tmp_path: Path) -> None:
     deep = pair(tmp_path, "b", 1000)
     assert settled(InputConfig(significant_bits=None), [deep]).significant_bits is None
     assert settled(InputConfig(significant_bits=14), [deep]).significant_bits == 14
+    shifted = pair(tmp_path, "c", 100)
+    for path in (shifted.left, shifted.right):
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 16)
+    assert settled(InputConfig(), [shifted]).significant_bits is None  # a dark dive
     deep.left.write_bytes(b"")
     assert settled(InputConfig(), [deep]).significant_bits == 10
 
@@ -66,6 +70,8 @@ def test_a_dive_of_ten_bits_runs_as_it_is(make_dive, tmp_path: Path) -> None:
     error = np.abs(range_m / dive.range_m - 1)
     assert np.nanmedian(error) < 0.01
     assert np.isfinite(range_m).mean() > 0.7
+    colored = correct(dive.root / "L", tmp_path / "out" / "range", tmp_path / "colors")
+    assert "input: the 16-bit images hold 10 bits, which are scaled to 16" in colored.notes
 
 
 def mosaic_of(bgr: np.ndarray, pattern: str) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 from matching_scenes import render
 
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.matching.context import CONTEXT_CONSTANTS, Context, enlarged
+from stereo_seecolor.matching.context import ROUGHEST_PX, Context, enlarged
 from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.matcher import Matcher
@@ -59,7 +59,7 @@ def test_a_branching_surface_is_rough_and_its_edges_count_alike() -> None:
     rough = Context.of(matched(branches), gray(100)).roughness
     rougher = Context.of(matched(branches * 3), gray(100)).roughness
     assert rough.min() > 1
-    assert rougher.max() <= CONTEXT_CONSTANTS.roughest_px and np.allclose(rough, rougher)
+    assert rougher.max() <= ROUGHEST_PX and np.allclose(rough, rougher)
 
 
 def test_where_nothing_was_found_the_surroundings_stay_finite() -> None:

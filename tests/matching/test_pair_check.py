@@ -150,7 +150,8 @@ def test_swapped_sides_are_named_for_every_pair_after_one_trial() -> None:
     for name in "abcd":
         with pytest.raises(
             MatchingError,
-            match=f"^{name}: left and right look swapped: 10% .*: exchange --left and --right$",
+            match=f"^{name}: left and right look swapped: 10% .*: exchange --left and --right .* "
+            "change input.right_half_first",
         ):
             check(name, matched(0.1), partial(pair, name))
     assert swapped.names == ["a"]
@@ -184,8 +185,11 @@ def test_rows_that_are_off_are_named_before_another_scene() -> None:
     left = reef(0)
     right = np.roll(left, (5, -9), axis=(0, 1))
     check = PairCheck(lambda raw: matched(0.01), Rectification.from_rig(plain_rig(left)))
-    with pytest.raises(MatchingError, match=r"^a: only 1\.0% .* rows are off by 5\.\d px \(median"):
+    with pytest.raises(MatchingError, match=r"^a: only 1\.0% .* by 5\.\d px \(median.*--refine"):
         check("a", matched(0.01), lambda: StereoFrame("a", left, right))
+    refined = PairCheck(lambda raw: matched(0.01), check._rectification, refines=True)
+    with pytest.raises(MatchingError, match="since the calibration, or"):
+        refined("a", matched(0.01), lambda: StereoFrame("a", left, right))
     with pytest.raises(MatchingError):
         check("a", matched(0.01), lambda: StereoFrame("a", left, reef(1)))
 

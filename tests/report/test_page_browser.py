@@ -336,6 +336,16 @@ def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page],
         if each.is_visible()
     ]
     assert [each.inner_text() for each in labels] == list(curves)
+    page.evaluate("""() => {
+        globalThis.drawn = new Set();
+        const { prototype } = CanvasRenderingContext2D, { fillText } = prototype;
+        prototype.fillText = function (text, ...place) {
+            drawn.add(text);
+            fillText.call(this, text, ...place);
+        };
+    }""")
+    page.set_viewport_size({"width": 1000, "height": 900})  # draws them again
+    until(page, "drawn.has('frame, counted from 0')")
     plot = page.locator(".plot .u-over").first
     box = box_of(plot)
     plot.click(position={"x": box["width"] - 4, "y": 40})

@@ -42,15 +42,17 @@ def test_a_disk_that_is_too_small_is_refused(
         OutputError,
         match=r"disk: 2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean",
     ):
-        check_disk(tmp_path, 2000, 31e6)
+        check_disk(tmp_path, 2000, 31e6, OutputConfig())
+    with pytest.raises(OutputError, match="are free: choose an --out on another disk"):
+        check_disk(tmp_path, 2000, 31e6, OutputConfig(preset="lean"))
 
 
 def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     free(monkeypatch, 50e9)
-    line, is_low = check_disk(tmp_path, 2000, 31e6)
+    line, is_low = check_disk(tmp_path, 2000, 31e6, OutputConfig())
     assert is_low
     assert line == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
-    assert not check_disk(tmp_path, 1000, 31e6)[1]
+    assert not check_disk(tmp_path, 1000, 31e6, OutputConfig())[1]
 
 
 @pytest.mark.slow

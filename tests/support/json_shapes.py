@@ -148,7 +148,7 @@ SHAPES: dict[str, Shape] = {
     "status": {
         "runs": [
             {
-                **keys(str, "out state stage writer rests_on"),
+                **keys(str, "out state stage writer rests_on problem"),
                 **keys(int, "done failed left"),
                 **{
                     "failures": [[(str, int)]],
@@ -284,7 +284,10 @@ SHAPES: dict[str, Shape] = {
         "acceptable": bool,
         "refined": (dict, None),
     },
-    "convert-calib": {**keys(str, "source out format"), "baseline_m": NUMBER, "notes": [str]},
+    "convert-calib": {
+        **keys(str, "source out format"),
+        **{"baseline_m": NUMBER, "notes": [str], "readings": int},
+    },
     "config": {
         "settings": [
             {**keys(str, "key origin description"), **keys(SETTING_VALUE, "value default")}

@@ -258,7 +258,7 @@ export class MapMeasuring {
     const spots = last.points.map(([x, y, z]) => this.ground.pick(x, y, z, 0)).filter((spot): spot is Spot => spot !== null);
     const line = spots.length > 1 ? this.ground.along(spots) : null;
     const up: Vector = [0, 0, 1];
-    if (line && shown === this.charted) drawProfile(this.chart, this.text("measure.profile", { id: last.id }), profile(line, up));
+    if (line && shown === this.charted) drawProfile(this.chart, this.text("measure.profile", { id: last.id }), this.text("measure.profile_along"), profile(line, up));
   }
 }
 

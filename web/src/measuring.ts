@@ -312,6 +312,6 @@ export class Measuring {
     const { data, geometry } = this;
     const picks = length.places.map(([x, y]) => pick(data, geometry, x, y)).filter((each): each is Pick => each !== null);
     if (picks.length < 2) return;
-    drawProfile(this.chart, this.text("measure.profile", { id: length.id }), profile(alongSurface(data, geometry, picks)));
+    drawProfile(this.chart, this.text("measure.profile", { id: length.id }), this.text("measure.profile_along"), profile(alongSurface(data, geometry, picks)));
   }
 }

@@ -5,7 +5,7 @@ import { block } from "./blocks";
 import type { Column, Dive, Text } from "./dive";
 import { element, readable } from "./elements";
 
-const HEIGHT_PX = 132;
+const HEIGHT_PX = 150;
 const CHANNELS: Record<string, string> = { red: "--red", green: "--green", blue: "--blue" };
 const FIRST = ["coverage", "median_range_m", "exposure"];
 
@@ -41,7 +41,7 @@ function drawPlot(section: HTMLElement, key: string, curves: [string, Column][],
       })),
     ],
     axes: [
-      { stroke: color("--soft"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, size: 24, font: "12px system-ui" },
+      { stroke: color("--soft"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, size: 24, font: "12px system-ui", label: text("plots.frame"), labelSize: 18, labelFont: "12px system-ui" },
       { stroke: color("--soft"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, size: 64, font: "12px system-ui", values: (_, marks) => marks.map((mark) => (mark === null ? "" : readable(mark))) },
     ],
   };

@@ -24,7 +24,7 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.records import Water
-from stereo_seecolor.water.limits import LITTLE_RELIEF
+from stereo_seecolor.water.limits import LITTLE_RELIEF, SHARE
 from stereo_seecolor.water.physics import backscatter, optical_depth
 
 Vector = NDArray[np.float64]
@@ -174,7 +174,10 @@ def _water(
         white=white,
         standard_errors=dict(zip(NAMES, errors, strict=True)),
         input_encoding=config.encoding,
-        warnings=(*_warnings(seen), *_highlight_warnings(x - problem.mean, seen.light.shape[-1])),
+        warnings=(
+            *_warnings(seen, config.lock == "survey"),
+            *_highlight_warnings(x - problem.mean, seen.light.shape[-1]),
+        ),
     )
 
 
@@ -230,8 +233,10 @@ def error_with_cast(
     return np.asarray(np.sqrt(np.diag(COLOR_AXES @ together @ COLOR_AXES.T)))
 
 
-def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
-    """Warnings where the water is determined by the prior more than by the image."""
+def _warnings(seen: RangeQuantiles, shared: bool) -> tuple[str, ...]:
+    """Warnings where the water is determined by the prior more than by the image. shared: with all
+    frames of the dive.
+    """
     if seen.clipped.all():
         return (
             "every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",
@@ -240,8 +245,8 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     if far_m > SETTINGS.little_relief * near_m:
         return ()
     return (
-        f"{LITTLE_RELIEF}, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; "
-        "use color.lock=survey",
+        f"{LITTLE_RELIEF}, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior"
+        f"{'' if shared else SHARE}",
     )
 
 

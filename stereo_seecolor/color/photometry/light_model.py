@@ -290,7 +290,7 @@ def _mean(a: int, b: int) -> float:
 MEAN_SQUARES = np.array(
     [[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c, d in POWERS] for a, b in POWERS]
 )
-"""(PATTERN, PATTERN) mean over the picture of the products of the pattern's terms."""
+"""(PATTERN, PATTERN) mean over the image of the products of the pattern's terms."""
 
 
 LAMPS_FADE = 1.5

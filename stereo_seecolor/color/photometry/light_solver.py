@@ -61,7 +61,7 @@ class LightTerms(NamedTuple):
 
     def __str__(self) -> str:
         names = {
-            "pattern": "uneven light over the picture",
+            "pattern": "uneven light over the image",
             "ranged": "its change with range",
             "gains": "different exposure of frames",
             "shading": "shadows and sunlight that move",
@@ -307,7 +307,7 @@ REEF = ReefSettings()
 
 
 def _cells(terms: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(P,) part of the picture of each patch, by its first view."""
+    """(P,) part of the image of each patch, by its first view."""
     place = np.clip(((terms[:, :2] + 1) / 2 * REEF.cells).astype(np.int64), 0, REEF.cells - 1)
     return np.asarray(place[:, 1] * REEF.cells + place[:, 0])
 
@@ -315,7 +315,7 @@ def _cells(terms: NDArray[np.float32]) -> NDArray[np.int64]:
 def _variance_of_mean(
     lights: Sequence[Array], cells: Sequence[NDArray[np.int64]], nuisance: int
 ) -> float:
-    """Variance of a patch's light times the number alike, from the means of parts of pictures."""
+    """Variance of a patch's light times the number alike, from the means of parts of images."""
     every = np.concatenate(lights)
     fitted = np.linalg.lstsq(every[:, :nuisance], every[:, nuisance:], rcond=None)[0]
     means = []

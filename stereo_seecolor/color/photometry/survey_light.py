@@ -33,7 +33,7 @@ class ObservationLimits:
 LIMITS = ObservationLimits()
 COMPARED = "stereo-seecolor evaluate OUT --spread"
 """The note names this command, because spots left out of the fit alone give other numbers."""
-LOOSE = ": lines that overlap or cross, and pictures of the turns between them, would reduce it"
+LOOSE = ": lines that overlap or cross, and images of the turns between them, would reduce it"
 PARTS_DIFFER = (
     "lines that share no spot were lit differently (lamps switched on between them?): "
     "the lamps' light is not corrected"
@@ -103,8 +103,8 @@ class SurveyLight:
             parts.append(f"color corrected for {same}")
         if luminance.use.pattern and self.crossed < CROSSING_SETTINGS.color:
             parts.append(
-                f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of "
-                f"reef, {CROSSING_SETTINGS.color:.0f} needed"
+                f"color not corrected for it: the reef moved by {self.crossed:.1f} image sizes, "
+                f"{CROSSING_SETTINGS.color:.0f} needed"
             )
         if self.offsets and self.solved.gains and not luminance.use.gains:
             parts.append(f"a gain for each of {len(self.solved.gains)} frames")

@@ -15,7 +15,7 @@ from stereo_seecolor.color.white_point import white_doubt
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water
 
-NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
+NOTHING_KNOWN = "no pixel with a known range: the image is empty"
 """Warning of a frame without known ranges."""
 
 

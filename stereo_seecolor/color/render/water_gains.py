@@ -22,7 +22,7 @@ as if they were encoded in sRGB.
 """
 BACKSCATTER_ERROR = 0.05
 """Standard error of the backscatter, relative: it is the same in all directions only in the model.
-In FLSea (real), open water varies over a picture by 6 to 13 %, its color by 2 to
+In FLSea (real), open water varies over an image by 6 to 13 %, its color by 2 to
 6 %. As noise of black it makes strong colors in measured waters 0.5 degrees worse.
 """
 OUTPUT_NOISE = 0.06

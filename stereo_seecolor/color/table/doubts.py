@@ -3,6 +3,7 @@
 import numpy as np
 
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.water.limits import SHARE
 
 LEAST_RELIEF = 1.15
 """Ratio of far to near (95 to 5 %) below which attenuation and scene cannot be distinguished."""
@@ -10,8 +11,10 @@ LEAST_RELIEF = 1.15
 LEAST_PIXELS = 100
 
 
-def doubts(table: MomentTable) -> tuple[str, ...]:
-    """Return warnings why a table (not empty) does not determine its water."""
+def doubts(table: MomentTable, shared: bool) -> tuple[str, ...]:
+    """Return warnings why a table (not empty) does not determine its water. shared: it is that
+    of all frames of the dive.
+    """
     number = int(table.pixels.sum())
     if number < LEAST_PIXELS:
         return (f"only {number} pixels with a known range: the water is a guess",)
@@ -22,8 +25,8 @@ def doubts(table: MomentTable) -> tuple[str, ...]:
     near, far = relief_m(table)
     if far < LEAST_RELIEF * near:
         return (
-            f"no relief (ranges {near:.2f} to {far:.2f} m): one frame does not determine its "
-            "water; use color.lock=survey",
+            f"no relief (ranges {near:.2f} to {far:.2f} m): they do not determine the water"
+            f"{'' if shared else SHARE}",
         )
     return ()
 

@@ -156,14 +156,10 @@ def water_text(result: "MeasuredWater") -> str:
 
 
 def _white_lines(result: "MeasuredWater") -> list[str]:
-    white = result.water.white
-    errors = result.water.standard_errors["white"] / white
-    shown = ", ".join(
-        f"{name} {value:.3f} +- {error:.1%}"
-        for name, value, error in zip(
-            ("red", "green", "blue"), white / white[1], errors, strict=True
-        )
-    )
+    from stereo_seecolor.color.white_point import white_errors
+
+    red, green, blue = result.water.white
+    red_error, blue_error = white_errors(result.water)
     each = [
         f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} "
         "degrees from the common white point"
@@ -175,14 +171,18 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
         for chart in result.charts
     ]
     left_out = [f"not used: {name}, similar to a white card" for name in result.left_out]
-    first = f"white point relative to green, from {counted(len(each), 'target')}: {shown}"
+    first = (
+        f"white point relative to green, from {counted(len(each), 'target')}: red "
+        f"{red / green:.3f} +- {red_error:.1%}, blue {blue / green:.3f} +- {blue_error:.1%}"
+    )
     doubts = [f"note: {doubt}" for doubt in result.doubts]
-    return [first, *each, *left_out, *doubts, *_trend_lines(result), *_matrix_lines(result)]
+    matrix = [] if all(isnan(chart.ciede2000) for chart in result.charts) else _matrix_lines(result)
+    return [first, *each, *left_out, *doubts, *_trend_lines(result), *matrix]
 
 
 def _trend_lines(result: "MeasuredWater") -> list[str]:
     if not result.trend:
-        return ["all charts are at one range: they cannot test the attenuation and backscatter"]
+        return ["all targets are at one range: they cannot test the attenuation and backscatter"]
     (red, blue), errors = result.trend.per_m, result.trend.error
     return [
         f"residual change over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 "

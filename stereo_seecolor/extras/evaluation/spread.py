@@ -1,4 +1,4 @@
-"""Differences of the same spots between the frames of a run, and trends of color over the picture
+"""Differences of the same spots between the frames of a run, and trends of color over the image
 and over range; needs no truth.
 
 Frames up to four apart are registered by matched features. Spots whose range agrees in both are
@@ -41,7 +41,7 @@ class SpreadSettings:
     least: int = 200
     """Spots that both frames of a pair must show for the offset between them to be counted."""
     border: float = 0.1
-    """Spots are at the border within this fraction of the picture's width or height from it,"""
+    """Spots are at the border within this fraction of the image's width or height from it,"""
     center: float = 0.25
     """and at the center farther from it than this."""
     nearest: float = 0.25
@@ -173,7 +173,7 @@ def _noted(frames: Iterable[_Ready], ranged: list[_Ranged]) -> Iterator[_Ready]:
 @dataclass(frozen=True, eq=False)
 class _Pair:
     """The spots of a pair of frames. views: (N, 2, 3) in both: raw, corrected, and each other
-    method's. edges (N, 2): distance of each from the picture's border, fraction of its width or
+    method's. edges (N, 2): distance of each from the image's border, fraction of its width or
     height.
     """
 

@@ -80,7 +80,8 @@ def status(
     from stereo_seecolor.extras.fleet.status import statuses
 
     found = statuses(outs)
-    report.end({"runs": found}, status_text(found))
+    code = EXIT_SOME_FAILED if any(run.problem for run in found) else EXIT_DONE
+    report.end({"runs": found}, status_text(found), code)
 
 
 @command(

@@ -32,7 +32,7 @@ class RunStatus:
     after it.
     run_remaining_s: seconds until all passes end, from the passes' expected times scaled by the
     rate so far, without fits, page and map; None where unknown. rests_on: the source of the
-    expected times.
+    expected times. problem: why the folder holds no run that can be read, where it should.
     """
 
     out: Path
@@ -47,24 +47,26 @@ class RunStatus:
     to_come: Sequence[str] = ()
     run_remaining_s: float | None = None
     rests_on: Basis = ""
+    problem: str = ""
 
 
 def statuses(outs: Sequence[Path]) -> list[RunStatus]:
     """The status of the runs in these folders, or of the dives of a campaign's. Raises InputError
     where none holds a run.
     """
-    folders: list[Path] = []
+    folders: dict[Path, bool] = {}  # whether it should hold a run
     for out in outs:
-        dives = [out / name for name in load_states(out)]
-        folders += dives or [out]
+        dives = load_states(out).values()
+        folders |= {out / dive.name: dive.state != "not begun" for dive in dives} or {out: True}
     found: list[RunStatus] = []
     problems: list[SeeColorError] = []
-    for folder in folders:
+    for folder, begun in folders.items():
         try:
             found.append(status(folder))
         except (InputError, OutputError) as error:
             problems.append(error)
-            found.append(RunStatus(folder, "no run", "", 0, 0, 0))
+            problem = str(error) if begun else ""
+            found.append(RunStatus(folder, "no run", "", 0, 0, 0, problem=problem))
     if problems and len(problems) == len(folders):
         raise problems[0]
     return found

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 REMEDY = {
     "killed": "ended unexpectedly: run its command again",
     "stopped": "stopped early: run its command again",
-    "no run": "holds no run",
 }
 
 
@@ -42,8 +41,8 @@ def status_text(runs: "Sequence[RunStatus]") -> str:
 
 
 def _end(run: "RunStatus") -> str:
-    if run.state in REMEDY:
-        return REMEDY[run.state]
+    if run.problem or run.state in REMEDY:
+        return run.problem or REMEDY[run.state]
     by = f"by {run.writer}" if run.writer else ""
     left = f"{duration(run.remaining_s)} left" if run.remaining_s is not None else ""
     return ", ".join(part for part in (left, _run_end(run), by) if part)
@@ -78,7 +77,8 @@ def plan_text(plan: "Plan") -> str:
     return lines(
         f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} "
         f"core-seconds each ({stages})",
-        f"{plan.core_hours:.3g} core-hours, {plan.fit_s:.1f} s of them for work that is done once",
+        f"{plan.core_hours:.3g} core-hours without a map, {plan.fit_s:.1f} s of them for work that "
+        "is done once",
         f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory "
         "for one worker",
     ) + table(("workers of one core", "time"), hours)

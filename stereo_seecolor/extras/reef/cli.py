@@ -153,7 +153,8 @@ def measure(
         Path,
         typer.Argument(
             metavar="POINTS",
-            help="CSV of measure, frame, kind, label, x_px, y_px, or the page's measures.json.",
+            help="CSV of measure, frame, kind, label, x_px, y_px (on the map x_m, y_m), or the "
+            "page's measures.json.",
         ),
     ],
     lengths: Annotated[
@@ -163,8 +164,8 @@ def measure(
     *,
     report: BareReport,
 ) -> None:
-    """Measure points, lengths and areas in the frames of a run; prints a CSV with standard
-    errors.
+    """Measure points, lengths and areas in the frames or on the map of a run; prints a CSV with
+    standard errors; exit code 3 if a value is unknown.
     """
     from stereo_seecolor.extras.reef.length_table import length_table
     from stereo_seecolor.extras.reef.measure import measure as measure_points

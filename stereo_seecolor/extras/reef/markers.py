@@ -104,8 +104,8 @@ def markers(
         others = (
             f"the frames show {', or '.join(families)}: give --family"
             if families
-            else "nor of another family: markers that are too small, blurred or covered are not "
-            "detected"
+            else "no other family was found either; markers that are too small, blurred or "
+            "covered are not detected"
         )
         raise InputError(
             f"{out}: shows no marker of {known.family} in two frames or more: {others}"

@@ -104,7 +104,7 @@ def _patches(comparison: "Comparison") -> str:
         for patch in comparison.change.patches
     ]
     return (
-        table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n"
+        table(("patch", "change", "x, y m", "cm2", "height mm", "liters", "L*, C*"), rows) + "\n"
         if rows
         else "no patch of change\n\n"
     )
@@ -205,7 +205,7 @@ def markers_text(markers: "FoundMarkers") -> str:
         )
         for each in markers.markers
     ]
-    text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
+    text = [table(("marker", "frames", "x, y, z m", "residual mm", "edge mm"), rows)]
     checks = ([("edges", markers.size)] if markers.size else []) + [
         (f"bar {name}", check) for name, check in markers.bars.items()
     ]

@@ -87,7 +87,7 @@ def strobe_energy(spec: SurveySpec, index: int) -> float:
 
 
 def vignetting(spec: SurveySpec) -> NDArray[np.float32]:
-    """The fraction of the light that the lens transmits, by pixel of the raw picture: (H, W)."""
+    """The fraction of the light that the lens transmits, by pixel of the raw image: (H, W)."""
     width, height = spec.image_size
     y, x = np.ogrid[:height, :width]
     squared = ((2 * x + 1 - width) ** 2 + (2 * y + 1 - height) ** 2) / (width**2 + height**2)

@@ -1,4 +1,4 @@
-"""A pair of pictures of the reef, lit by sun and lamps, seen through the water, with the truth."""
+"""A pair of images of the reef, lit by sun and lamps, seen through the water, with the truth."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -17,7 +17,7 @@ SPEED_M_S = 0.5
 
 @dataclass(frozen=True)
 class SurveySpec:
-    """A synthetic dive, whole: the same specification gives the same pictures.
+    """A synthetic dive, whole: the same specification gives the same images.
 
     pairs, lines: stereo pairs in all, and lines of the lawn mower over which they are spread; every
     second line flies back.

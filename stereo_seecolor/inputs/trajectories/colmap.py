@@ -22,7 +22,7 @@ def is_colmap(lines: Lines) -> bool:
 def read_colmap(lines: Lines, mount: MountConfig) -> Trajectory:
     """COLMAP's world is arbitrary: up is unknown, and the scale unless the model is metric.
 
-    The pictures it was given are taken to be the raw left ones (as they are, or undistorted, which
+    The images it was given are taken to be the raw left ones (as they are, or undistorted, which
     does not turn them).
     """
     rows, names = [], []

@@ -1,1 +1,1 @@
-"""Given poses: which frame has which, and whether they agree with the pictures."""
+"""Given poses: which frame has which, and whether they agree with the images."""

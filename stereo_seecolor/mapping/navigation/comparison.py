@@ -1,4 +1,4 @@
-"""Comparison of navigation with the pictures: its residuals, and whether it was read rightly."""
+"""Comparison of navigation with the images: its residuals, and whether it was read rightly."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -41,8 +41,8 @@ from stereo_seecolor.records import Array, Trajectory
 READ_RIGHTLY = 0.06
 """Poses that fit to so much, between neighbors and over spans together, are read rightly."""
 CLOCK_FITS = 0.25
-"""Of a clock that few frames do not contradict: on a drawn dive with noise of 2 cm the right one
-leaves 0.10, others 0.6 and more.
+"""Of a clock that few frames do not contradict: on a synthetic dive with noise of 2 cm the right
+one leaves 0.10, others 0.6 and more.
 """
 BETTER, BEATS_A_TURN = 0.6, 0.8
 """Of the misfit another reading must leave less; and of what a turn leaves, where that helps as
@@ -60,7 +60,7 @@ DEPTH_EDGES = 500
 
 @dataclass(frozen=True)
 class Navigation:
-    """The outcome of given poses. Residuals are medians over the pictures' relative poses.
+    """The outcome of given poses. Residuals are medians over the images' relative poses.
 
     relative_poses: how many there are. position_residual_m, attitude_residual_deg: given against
     measured. depth_residual_m: between what overlapping frames saw, by the given poses;
@@ -126,7 +126,7 @@ def examine(
     config: MappingConfig,
     own: Placement | None = None,
 ) -> ComparedNavigation:
-    """Hold given poses against measured edges, and against the track by the pictures alone
+    """Hold given poses against measured edges, and against the track by the images alone
     (``own``) where it is known; find the reading, or the mount's angle, that would fit where they
     do not.
 

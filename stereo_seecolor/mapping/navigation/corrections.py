@@ -1,4 +1,4 @@
-"""Given poses with the errors taken out that the pictures show: a camera turned on its vehicle,
+"""Given poses with the errors taken out that the images show: a camera turned on its vehicle,
 headings turned against positions, a lever arm.
 """
 
@@ -30,7 +30,7 @@ MAX_TURN_RAD = np.radians(20.0)
 
 @dataclass(frozen=True, eq=False)
 class CorrectedPoses:
-    """Given poses with the errors taken out that the pictures show. T: (N, 4, 4). advice: a line
+    """Given poses with the errors taken out that the images show. T: (N, 4, 4). advice: a line
     for each error; none where nothing was corrected.
     """
 

@@ -1,4 +1,4 @@
-"""Given heights against the pictures': other sign, other unit, or always the same."""
+"""Given heights against the images': other sign, other unit, or always the same."""
 
 from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.mapping.navigation.motions import Motions
@@ -14,7 +14,7 @@ EXPLAINS = 0.5
 SAME = 0.2
 """A factor this near to that of a mistake is its: altitudes follow the bottom as well."""
 STAYS = 0.1
-"""Heights that change by less than this of what the pictures show stay the same."""
+"""Heights that change by less than this of what the images show stay the same."""
 _FACTORS = {
     "heights or altitudes in place of depths": -1.0,
     "depths in feet": 1 / 0.3048,
@@ -43,7 +43,7 @@ def wrong_depths(T_world_camera: Array, seen: SeenMotion) -> str:
 
 
 def constant_depths(T_world_camera: Array, seen: SeenMotion) -> str:
-    """What to say of heights that stay while the pictures rise and sink; "" for others."""
+    """What to say of heights that stay while the images rise and sink; "" for others."""
     given_m, measured_m = (deviation_about_zero(one) for one in _rises(T_world_camera, seen))
     if not measured_m > LEAST_M or given_m > STAYS * measured_m:
         return ""
@@ -54,6 +54,6 @@ def constant_depths(T_world_camera: Array, seen: SeenMotion) -> str:
 
 
 def _rises(T: Array, seen: SeenMotion) -> tuple[Array, Array]:
-    """How far frames rise, meters, along the given vertical: as given, and in the pictures."""
+    """How far frames rise, meters, along the given vertical: as given, and in the images."""
     given_m, measured_m = Motions.of(T, seen.spans or seen.edges).shifts_in_world(T)
     return given_m[:, 2], measured_m[:, 2]

@@ -37,7 +37,7 @@ SETTINGS = DeviationSettings()
 
 def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
     """A line for the scale of given positions, T (N, 4, 4), and one for their jumps, where the
-    edges of the pictures show them.
+    edges of the images show them.
     """
     motions = Motions.of(T_world_camera, edges)
     if len(motions.edges) < SETTINGS.min_edges:

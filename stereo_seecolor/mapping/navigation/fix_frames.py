@@ -21,10 +21,10 @@ def fix_frames(
     given: Placement, own: Placement | None, index: FrameIndex, trajectory: Trajectory
 ) -> tuple[Placement, NDArray[np.bool_] | None]:
     """Move the frames nearest to fixes to where these place them, by what the camera moved from
-    fix to frame. own: placed by the pictures alone.
+    fix to frame. own: placed by the images alone.
 
     Returns the placement, and which frames (N,) these are; None where each row of the trajectory
-    has its own position, or the pictures place nothing.
+    has its own position, or the images place nothing.
     """
     fixes_s, frames = trajectory.fixes_s, index.order[np.isfinite(index.timestamps_s[index.order])]
     if fixes_s is None or own is None or len(frames) < 2:

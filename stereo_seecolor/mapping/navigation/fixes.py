@@ -1,4 +1,4 @@
-"""Alignment of a track by the pictures to positions that are far less accurate than it is, such as
+"""Alignment of a track by the images to positions that are far less accurate than it is, such as
 a buoy's satellite fixes.
 
 A prior so loose moves and turns a track about the vertical as a whole, and does not bend it.

@@ -1,4 +1,4 @@
-"""Other ways to read a trajectory's numbers, tried where the pictures contradict it."""
+"""Other ways to read a trajectory's numbers, tried where the images contradict it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ def named(readings: Sequence[PoseReading]) -> str:
 def interpretations(
     T: Array, seen: SeenMotion, index: FrameIndex, trajectory: Trajectory
 ) -> Iterator[tuple[str, Array]]:
-    """List all other readings of the poses. T: (N, 4, 4) as read. seen: by the pictures."""
+    """List all other readings of the poses. T: (N, 4, 4) as read. seen: by the images."""
     has_clock = (
         not any(trajectory.names)
         and np.isfinite(trajectory.timestamps_s).all()

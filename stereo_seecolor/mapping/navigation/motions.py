@@ -1,4 +1,4 @@
-"""Residuals of given poses against the relative poses that the pictures show."""
+"""Residuals of given poses against the relative poses that the images show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -33,7 +33,7 @@ class MountSettings:
     left: float = 0.5
     north_sigmas: float = 5.0  # of the angle between headings and positions
     rounds: int = 5  # of weighting by the residuals
-    # least standard errors of a shift and of a turn: what the pictures can tell
+    # least standard errors of a shift and of a turn: what the images can tell
     floor_m: float = 0.002
     floor_rad: float = 0.001
 

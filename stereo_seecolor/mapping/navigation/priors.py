@@ -1,4 +1,4 @@
-"""Given poses as priors: how far each is trusted, by what the track of the pictures shows."""
+"""Given poses as priors: how far each is trusted, by what the track of the images shows."""
 
 from collections.abc import Iterator
 
@@ -33,7 +33,7 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
     """The given poses as priors, with the configuration's standard errors, or those that the dive
     itself shows; without positions that are far off by these.
 
-    own: placed by the pictures alone. Each of its components is brought to the given poses by one
+    own: placed by the images alone. Each of its components is brought to the given poses by one
     rigid motion; what is left is their error, the own track's drift included.
     """
     offsets, turns = [], []

@@ -1,4 +1,4 @@
-"""What the pictures show of the motion, that given poses are held against: between neighbors, and
+"""What the images show of the motion, that given poses are held against: between neighbors, and
 over spans of the track.
 
 Neighbors on a straight line at constant speed look alike whatever the clock, the direction or the
@@ -27,7 +27,7 @@ NEIGHBORS = (1, 2, 3)
 MOST_SPANS, MOST_EDGES = 300, 200
 """That a reading is judged by."""
 WRONG, WRONG_BETWEEN = 0.5, 1.0
-"""Of their median length, by which poses off over spans contradict the pictures, positions of their
+"""Of their median length, by which poses off over spans contradict the images, positions of their
 own and positions between a few fixes,"""
 GROWS = 1.5
 """where they are off by so many times as much as between neighbors: noise of single positions does
@@ -38,7 +38,7 @@ not grow.
 @dataclass(frozen=True, eq=False)
 class SeenMotion:
     """Relative poses of frames that have a given one. edges: measured between neighbors. spans:
-    over the track that the pictures alone give; () where it is not known.
+    over the track that the images alone give; () where it is not known.
     """
 
     edges: Sequence[Edge]
@@ -53,7 +53,7 @@ class SeenMotion:
         order: Numbers,
         fixed: NDArray[np.bool_] | None = None,
     ) -> "SeenMotion":
-        """The motion between frames that have a given pose (N, 4, 4). own: placed by the pictures
+        """The motion between frames that have a given pose (N, 4, 4). own: placed by the images
         alone. order: of the frames in time. fixed: (N,) frames whose position was measured, where
         the others' is interpolated between them: those that follow each other are neighbors.
         """

@@ -1,4 +1,4 @@
-"""Poses that stay while the pictures move."""
+"""Poses that stay while the images move."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from stereo_seecolor.mapping.navigation.seen_motion import SeenMotion
 from stereo_seecolor.records import Array
 
 MOVES_M, STILL = 0.05, 0.01
-"""Where the pictures move by so much across the vertical, positions that move by so small a
+"""Where the images move by so much across the vertical, positions that move by so small a
 fraction are none: a degree of latitude is 111 km.
 """
 STUCK, STUCK_SCATTER = 0.25, 0.5
 """Positions that move by less than this fraction, and of that movement by more than this otherwise
-than in the pictures, stay at one place.
+than in the images, stay at one place.
 """
 STILL_RAD = 1e-6
 """Attitudes that differ by less are one number."""
@@ -25,8 +25,8 @@ ALIKE = (
 
 
 def still(T_world_camera: Array, seen: SeenMotion, position_step_m: float) -> str:
-    """What to say of poses that stay while the pictures move: numbers that are not positions, or no
-    attitudes; "" for others, and for positions rounded to more than the pictures move.
+    """What to say of poses that stay while the images move: numbers that are not positions, or no
+    attitudes; "" for others, and for positions rounded to more than the images move.
     """
     motions = Motions.of(T_world_camera, seen.spans or seen.edges)
     given, measured = (shift[:, :2] for shift in motions.shifts_in_world(T_world_camera))

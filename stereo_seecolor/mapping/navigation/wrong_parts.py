@@ -1,4 +1,4 @@
-"""A part of given poses that contradicts the pictures while the rest fits them: rows of a track in
+"""A part of given poses that contradicts the images while the rest fits them: rows of a track in
 reverse order, or of another time.
 """
 
@@ -19,11 +19,11 @@ LEAST_FRAMES = 3
 LEAST_FIT = 0.15
 """Fraction of relative poses that fit, at least: else the whole track is wrong."""
 TIMES = 6.0
-"""A relative pose contradicts the pictures where it is off by so many times what so many of them
+"""A relative pose contradicts the images where it is off by so many times what so many of them
 is off by less: errors of a fix, the same in all directions, reach 4 times that once in a
 thousand."""
 OF_MOTION = 0.5
-"""And by so much of what the pictures show: navigation as good as that is no wrong order."""
+"""And by so much of what the images show: navigation as good as that is no wrong order."""
 MOST_OF = 0.7
 """Of a frame's relative poses that contradict, within a part; among others than the part's, less
 than the rest may."""

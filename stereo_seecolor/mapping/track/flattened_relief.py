@@ -21,7 +21,7 @@ def flattened_relief(
 
     How much windows average shows in narrower ones. Smoothing takes as much of relief as of noise:
     the fraction of their variances, each frame's (as a Wiener filter does). Both are larger where a
-    side is blurred, as its contrast is smaller: so they turned out on 54 drawn dives.
+    side is blurred, as its contrast is smaller: so they turned out on 54 synthetic dives.
 
     Yields:
         Two errors of the inverse depths of the problem's points, each (n,), 1/m.

@@ -205,7 +205,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
     """Place the frames by all edges that were measured, loops included, and by priors: those of
     ``given``'s frames.
 
-    Frames that the pictures do not connect keep their place by priors, in components of ``given``.
+    Frames that the images do not connect keep their place by priors, in components of ``given``.
     """
     index = track.survey.index
     for component in range(len(given.sizes)):

@@ -15,6 +15,8 @@ from conftest import Cli, Dive
 from stereo_seecolor.color.white_point import DOUBT, white_doubt, white_errors, with_white
 from stereo_seecolor.extras.evaluation.charts.chart_white import doubts_of, seen_whites
 from stereo_seecolor.extras.evaluation.charts.targets import targets_of
+from stereo_seecolor.extras.evaluation.score_texts import water_text
+from stereo_seecolor.extras.evaluation.water import ChartReading, MeasuredWater
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Water
 
@@ -46,6 +48,13 @@ def test_errors_of_ratios_follow_from_those_of_colors() -> None:
     colors = logs - logs.mean(axis=1, keepdims=True)
     true = (colors - colors[:, 1:2])[:, [0, 2]].std(axis=0)
     np.testing.assert_allclose(white_errors(some_water(tuple(colors.std(axis=0)))), true, rtol=0.01)
+
+
+def test_a_spot_gives_ratios_with_the_errors_of_ratios() -> None:
+    spot = ChartReading("0001", "sand at pixel 9, 9", 2.0, 0.0, np.nan, np.nan)
+    text = water_text(MeasuredWater(Path("w.json"), some_water((0.05, 0.04, 0.04)), (spot,)))
+    assert "red 0.417 +- 8.1%, blue 0.833 +- 6.2%" in text
+    assert "matrix" not in text, "a spot has no patches"
 
 
 @pytest.mark.parametrize(

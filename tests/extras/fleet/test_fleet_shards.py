@@ -195,10 +195,13 @@ def test_folders_without_a_run_are_told_apart_and_dives_of_a_campaign_found(
 ) -> None:
     dive = make_dive(2)
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "all/one")
-    save_states(tmp_path / "all", {"one": DiveState("one", "done")})
+    states = {"one": DiveState("one", "done"), "two": DiveState("two", "not begun")}
+    save_states(tmp_path / "all", states)
+    code, printed, _ = cli("status", tmp_path / "all")
+    assert (code, "holds no" in printed) == (0, False)
     code, printed, _ = cli("status", tmp_path / "all", dive.root)
-    assert code == 0
-    assert [line.split()[1] for line in printed.splitlines()[1:]] == ["complete", "no"]
+    assert (code, f"{dive.root}: holds no finished run" in printed) == (3, True)
+    assert [line.split()[1] for line in printed.splitlines()[1:]] == ["complete", "no", "no"]
     code, _, said = cli("status", dive.root)
     assert code == 1
     assert str(dive.root) in said

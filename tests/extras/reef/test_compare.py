@@ -31,7 +31,12 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
 from stereo_seecolor.extras.reef.compare import Comparison, compare
 from stereo_seecolor.extras.reef.comparing import m3c2
-from stereo_seecolor.extras.reef.comparing.changed_patches import height_patches, volume_l
+from stereo_seecolor.extras.reef.comparing.changed_patches import (
+    height_patches,
+    is_sure,
+    volume_l,
+    with_tails,
+)
 from stereo_seecolor.extras.reef.comparing.color_change import color_change
 from stereo_seecolor.extras.reef.comparing.difference import (
     Difference,
@@ -213,6 +218,7 @@ def test_growth_and_loss_are_found_and_nothing_else(
         # at least that of a calibration of which nothing is known, to the third power
         assert 3 * 0.005 * abs(total) < std < 0.1 * abs(expected)
     for patch in change.patches:
+        assert not abs(patch.volume_l) < 5 * patch.volume_std_l
         assert not patch.volume_std_l < 3 * 0.005 * abs(patch.volume_l)
 
 
@@ -568,6 +574,13 @@ def test_errors_are_read_off_all_ground_but_what_changed() -> None:
     assert (np.abs(dz) <= found.lod_m)[still].mean() < 0.94
     assert (np.abs(dz) <= again.lod_m)[still].mean() == pytest.approx(0.95, abs=0.002)
     assert again.inflation > found.inflation
+    # a patch is one by the errors that are stated with it
+    patch = np.zeros(std.shape, bool)
+    patch[40:50, 100:110] = True
+    volume, volume_std = volume_l(found, with_tails(patch), 0.01)
+    raised = dz + with_tails(patch) * (5.05 * volume_std - volume) / (0.1 * with_tails(patch).sum())
+    sure = [is_sure(replace(errors, dz_m=raised), patch, 0.01) for errors in (found, again)]
+    assert sure == [True, False]
     surface = m3c2.relearned(SurfaceDistances(dz, 0.5 * again.lod_m), again.stable)
     assert (np.abs(dz) <= surface.lod_m)[still].mean() == pytest.approx(0.95, abs=0.005)
 

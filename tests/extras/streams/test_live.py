@@ -178,7 +178,7 @@ def test_what_is_waited_for_is_said_once(tmp_path: Path, monkeypatch: pytest.Mon
     arrives(source, "R", "b.png")
     assert waits().endswith(
         "by name or time stamp, for example a.png and b.png: give both files the same name, or "
-        "set input.timestamp_tolerance_s"
+        "set a larger input.timestamp_tolerance_s"
     )
     arrives(source, "R", "a.png")
     assert session.step()

@@ -95,6 +95,14 @@ def height_patches(
     return kept
 
 
+def is_sure(difference: Difference, mask: Mask, cell_m: float) -> bool:
+    """Whether the volume that is stated of a patch is so many of its errors, as they are known once
+    patches were left out of what shows them.
+    """
+    volume, std = volume_l(difference, with_tails(mask), cell_m)
+    return abs(volume) > PATCH_SETTINGS.sure_sigmas * std
+
+
 def _inside(narrow: Array, wide: Array) -> Mask:
     """(H, W) what may belong to a patch, by the means over both windows."""
     most = cv2.dilate(narrow, np.ones((DIFFERENCE.wide_cells, DIFFERENCE.wide_cells)))

@@ -12,6 +12,7 @@ from stereo_seecolor.extras.reef.comparing.changed_patches import (
     Kind,
     color_patches,
     height_patches,
+    is_sure,
     volume_l,
     with_tails,
 )
@@ -86,10 +87,9 @@ def compare_sites(a: Site, b: Site, cell_m: float, calibration: float) -> SiteCh
     found = relearned(
         found, np.any([mask for _, mask in masks], axis=0) if masks else np.zeros(grid.shape, bool)
     )
-    surface, masks = (
-        m3c2.relearned(surface, found.stable),
-        masks + color_patches(color.z, color.change),
-    )
+    surface = m3c2.relearned(surface, found.stable)
+    masks = [region for region in masks if is_sure(found, region[1], cell_m)]
+    masks += color_patches(color.z, color.change)
     moved_masks = [mask for kind, mask in masks if kind in ("growth", "loss")]
     changed = np.logical_or.reduce([np.zeros(grid.shape, bool), *moved_masks])
     patches = tuple(

@@ -1,7 +1,7 @@
 """Frames of the same moment, of two videos without evidence of the offset of their clocks: those of
 the same number, but recorders lose frames, repeat the last one instead, or begin with black.
 
-Gaps in the times of frames show what was lost. So does, while the cameras move steadily, a picture
+Gaps in the times of frames show what was lost. So does, while the cameras move steadily, an image
 that moves once several times as far as from frame to frame around, or not at all, where the other
 one moves as usual. How many frames it were, the lengths of both videos must confirm.
 """
@@ -29,9 +29,9 @@ class MomentLimits:
     least_motion: float = 0.002
     still: float = 0.2  # of the usual motion: a repeated frame moves less
     lost: float = 1.7  # and the one after a lost frame more
-    across: float = 0.25  # of that motion: a flash or a fish moves a picture any way
-    usual: float = 0.4  # so near to the usual motion, of the neighbors and of the other picture
-    near: int = 2  # frames on either side in which the other picture moves as usual
+    across: float = 0.25  # of that motion: a flash or a fish moves an image any way
+    usual: float = 0.4  # so near to the usual motion, of the neighbors and of the other image
+    near: int = 2  # frames on either side in which the other image moves as usual
     black: float = 4.0  # gray values about the darkest frame; others are four times as far from it
 
 
@@ -164,7 +164,7 @@ def _steps_of_times(signals: VideoSignals) -> Places:
 
 def _relative_motion(signals: VideoSignals) -> tuple[Array, Array]:
     """(n-1,) motion along and across the usual motion around it, in units of that; NaN where the
-    picture hardly moves.
+    image hardly moves.
     """
     from scipy.ndimage import median_filter
 

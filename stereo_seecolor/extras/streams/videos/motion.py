@@ -34,7 +34,7 @@ class VideoSignals:
 
     motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second.
     sharpness: (n, 2) mean step from pixel to pixel along x and y, gray values. height: of the
-    picture, in widths.
+    image, in widths.
     """
 
     times_s: MotionArray
@@ -51,17 +51,17 @@ class VideoSignals:
 
     @property
     def speed(self) -> float:
-        """Median speed of the picture, image widths a second."""
+        """Median speed of the image, image widths a second."""
         return float(np.median(np.hypot(*self.motion.T)))
 
     def speed_at(self, times_s: MotionArray) -> MotionArray:
-        """Speed of the picture at these times, image widths a second."""
+        """Speed of the image at these times, image widths a second."""
         x, y = (np.interp(times_s, self.motion_times_s, component) for component in self.motion.T)
         return np.asarray(np.hypot(x, y))
 
     @property
     def place(self) -> MotionArray:
-        """The position to which the picture has moved at each frame: (n, 2) image widths."""
+        """The position to which the image has moved at each frame: (n, 2) image widths."""
         return np.vstack(
             [np.zeros(2), np.cumsum(self.motion * np.diff(self.times_s)[:, None], axis=0)]
         )

@@ -1,6 +1,6 @@
-"""The lag of one camera behind another by the rows of their pictures.
+"""The lag of one camera behind another by the rows of their images.
 
-The vertical disparity of a rectified pair is that of the rig, plus what the picture moves up or
+The vertical disparity of a rectified pair is that of the rig, plus what the image moves up or
 down between the two moments.
 """
 
@@ -30,12 +30,12 @@ class RowLagLimits:
     pairs: int = 24  # each takes 0.1 s; the standard error falls with their root
     least_pairs: int = 8
     least_matches: int = 20  # of a pair: its median is then good to some tenths of a pixel
-    # image widths a second, spread of the vertical speeds: a picture that only moves sideways tells
+    # image widths a second, spread of the vertical speeds: an image that only moves sideways tells
     # nothing
     speed: float = 0.004
     outlier_sigmas: float = 4.0
     least_error: float = 0.1  # of the nearer pairs over that of the farther ones: rows are read so
-    # of the speeds that the pictures' motion gives, which are good to a fifth; less is something
+    # of the speeds that the images' motion gives, which are good to a fifth; less is something
     # else
     least_factor: float = 0.5
 
@@ -133,7 +133,7 @@ def solve_shift(
     """By how much the right clock is ahead of what was assumed, seconds, and its standard error;
     None where that is not determined.
 
-    moved: what the picture moves down between the two moments of a pair by the assumed lag; speeds:
+    moved: what the image moves down between the two moments of a pair by the assumed lag; speeds:
     how fast it does then. Both may be wrong by one factor, which is solved for, as is the rig's own
     misfit. apart_s: the time between the two; what ``moved`` misses grows with it, so that the
     nearer and the farther half of the pairs count by their own errors.

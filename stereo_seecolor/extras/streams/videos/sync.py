@@ -50,7 +50,7 @@ def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
     """Find the offset of two videos from sound, a flash and motion, and with a calibration from
     rows; nothing is written.
 
-    Raises InputError where evidence for the offset is missing or disagrees, or the picture moves
+    Raises InputError where evidence for the offset is missing or disagrees, or the image moves
     too fast; CalibrationError for the rig; DeviceError if PyAV is missing.
     """
     rig = load_rig_of_images(calib, size_of_side(left, right)) if calib else None

@@ -1,5 +1,5 @@
 """Synchronization of two videos without a wire between the cameras: offset and drift by sound, a
-flash, time codes, moving pictures.
+flash, time codes, moving images.
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ class SyncLimits:
     # a rise of brightness from one frame to the next, against the usual ones
     flash_sigmas: float = 12.0
     flash_gray: float = 8.0  # and in gray values: less is a fish
-    # image widths a second: the picture stands still, and what moves is noise (0.0005 on a static
+    # image widths a second: the image stands still, and what moves is noise (0.0005 on a static
     # scene)
     still: float = 0.004
     disagree_s: float = 0.02  # cameras record sound up to half a frame early or late
@@ -39,7 +39,7 @@ class SyncLimits:
     part_s: float = 3.0
     parts: tuple[int, int] = (4, 32)
     reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
-    # image widths that the picture moves between both frames of a pair: 2 px of 1920, 2% of a range
+    # image widths that the image moves between both frames of a pair: 2 px of 1920, 2% of a range
     false_disparity: float = 1e-3
     least_pairs: float = 0.1  # of the pairs must be within that
 
@@ -60,7 +60,7 @@ class VideoSync:
     """The synchronization of two videos, by the most precise evidence; the others agree with it.
 
     pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart
-    they are after all, right less left. false_disparity: (n,) what the picture moves in that time,
+    they are after all, right less left. false_disparity: (n,) what the image moves in that time,
     image widths. left_out: pairs for which that is too much.
     signals: of both videos. unlike: seconds of those left out since the two pictures do not move
     alike. time_code: what time codes say that were not set alike, None where they
@@ -115,7 +115,7 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     """Find offset and drift. rig: if known, rows of some pairs tell them most precisely.
 
     Raises NoEvidence where nothing tells them; InputError where the evidence disagrees, or the
-    picture moves too fast for the time that frames are apart; DeviceError.
+    image moves too fast for the time that frames are apart; DeviceError.
     """
     signals = video_signals(left), video_signals(right)
     motion = motion_lag(*signals)
@@ -158,7 +158,7 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
 def paired(
     signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple[Evidence, ...] = ()
 ) -> VideoSync:
-    """The frames that are nearest by a lag; nothing is interpolated. Pairs that the picture's
+    """The frames that are nearest by a lag; nothing is interpolated. Pairs that the image's
     motion spoils are left out.
 
     evidence: that the lag was found from; where it was given, all pairs are taken.
@@ -217,7 +217,7 @@ def _nearest(signals: tuple[VideoSignals, VideoSignals], lag: Lag) -> tuple[Pair
 
 
 def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
-    """The lag by which both pictures move alike; None for a picture that stands still, or moves so
+    """The lag by which both images move alike; None for an image that stands still, or moves so
     that several lags fit.
     """
     if min(_usual(left), _usual(right)) < LIMITS.still:
@@ -317,5 +317,5 @@ def _agree(a: Lag, b: Lag) -> bool:
 
 
 def _usual(signals: VideoSignals) -> float:
-    """How fast the picture moves about its mean motion, image widths a second."""
+    """How fast the image moves about its mean motion, image widths a second."""
     return float(np.sqrt((signals.motion.std(axis=0) ** 2).sum()))
