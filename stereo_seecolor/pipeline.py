@@ -82,7 +82,8 @@ class Pipeline:
 
     Args:
         rig: The calibration. If its file can be read in several ways, ``process`` chooses by the
-            first pair that shows which one fits.
+            first pair that shows which one fits, and sets the attributes anew: call it once before
+            other threads do.
         config: Settings; the defaults if not given.
 
     Attributes:
