@@ -299,7 +299,7 @@ def test_whatever_a_result_holds_is_valid_json() -> None:
 
 def test_a_cause_is_its_numbers_and_not_the_function_that_undoes_it() -> None:
     cause = Cause("a roll of {} +- {} degrees", RADIANS, MOVED, lambda rig, _: rig)
-    assert plain(cause).keys() == {"text", "amount", "cure"}
+    assert plain(cause).keys() == {"text", "amount", "cure", "below"}
 
 
 def test_a_shape_notices_what_is_missing_and_what_is_new() -> None:
