@@ -286,7 +286,7 @@ def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, r
             corrector.fit_frame(image, range_m)
         found = corrector.apply(image, range_m, some_water())
         assert not found.image.any()
-        assert found.warnings == ("no pixel with a known range: the picture is empty",)
+        assert found.warnings == ("no pixel with a known range: the image is empty",)
         return
     water = corrector.fit_frame(image, range_m)
     again = few.fit_frame(image, range_m, start=water)
