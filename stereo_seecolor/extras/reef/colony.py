@@ -25,7 +25,8 @@ from stereo_seecolor.records import Array, Mask
 class ColonySize:
     """Square meters, meters and liters.
 
-    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
+    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground;
+    NaN where one is not known.
     surface_m2: of planes through 3x3 cells. mesh_m2: of the mesh, noise and overhangs included.
     height_m: of the highest place above the plane through the rim, without what noise adds and
     smoothing takes.
@@ -141,32 +142,29 @@ def _areas(
     """Planar, tilted and surface area of an outline, square meters, and their standard errors; and
     that of the steepness, relative.
 
-    A ring within a ring is taken off. Corners that are not known have no part in the tilted area.
+    A ring within a ring is taken off. The tilted area is NaN where a corner is not known.
     """
     planar_m2 = tilted_m2 = planar_variance = tilted_variance = 0.0
     for sign, ring in _signed(outline):
-        spots = [
-            spot
-            for spot in (ground.pick(float(x), float(y), None, click_m) for x, y in _open(ring))
-            if spot is not None
-        ]
-        planar_m2 += sign * polygon_area(ring)
         corners = _open(ring)
+        picks = [ground.pick(float(x), float(y), None, click_m) for x, y in corners]
+        spots = [spot for spot in picks if spot is not None]
+        planar_m2 += sign * polygon_area(ring)
         planar_variance += (click_m / 2) ** 2 * float(
             ((np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)) ** 2).sum()
         )
-        if len(spots) > 2:
-            tilted = planar_area(spots)
-            tilted_m2 += sign * tilted.value
-            tilted_variance += tilted.std**2
+        unknown = len(spots) < len(corners)
+        tilted = Measured(float("nan"), float("nan"), 2) if unknown else planar_area(spots)
+        tilted_m2 += sign * tilted.value
+        tilted_variance += tilted.std**2
     rows, columns = np.nonzero(inside)
     steepness, stds_m = ground.steepness(np.stack([columns, rows], axis=-1))
     surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
     relative = ground.steepness_std(steepness, stds_m, known) if steepness.size else float("nan")
-    tilted_std = float(np.sqrt(tilted_variance))
-    by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else 0.0
+    planar_std, tilted_std = float(np.sqrt(planar_variance)), float(np.sqrt(tilted_variance))
+    by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else planar_std / planar_m2
     surface_std = surface_m2 * float(np.hypot(relative, by_outline))
-    stds = float(np.sqrt(planar_variance)), tilted_std, surface_std
+    stds = planar_std, tilted_std, surface_std
     return (planar_m2, tilted_m2, surface_m2), stds, relative
 
 

@@ -271,6 +271,27 @@ def test_areas_of_an_outline_have_the_errors_of_its_corners_and_of_the_calibrati
     assert colony.standard_error.planar_m2 == pytest.approx(np.hypot(by_clicks, 0.01 * 0.04))
 
 
+def test_an_outline_with_a_corner_off_the_map_has_no_tilted_area() -> None:
+    mesh = mesh_of(lambda x, y: 0 * x)
+    terrain, errors = site(mesh)
+    beyond = Outline("a", "", (np.array([[-0.2, -0.2], [0.2, -0.2], [0.5, 0.2], [-0.2, 0.2]]),))
+    (colony,) = measure_outlines([beyond], mesh, terrain, errors, 0.002, 0.003)
+    assert colony
+    assert np.isnan([colony.measured.tilted_m2, colony.standard_error.tilted_m2]).all()
+    assert colony.measured.surface_m2 == pytest.approx(0.22)
+    assert colony.standard_error.surface_m2 > colony.standard_error.planar_m2 / 2 > 0
+
+
+def test_the_known_part_of_an_outline_on_the_map_has_a_standard_error() -> None:
+    """Also where its corners are exact: its edge is found to half a cell."""
+    heights = np.zeros((60, 60), np.float32)
+    heights[:, 30:] = np.nan
+    ground = Ground(heights, Grid(0.0, 0.6, CELL_M, heights.shape), 0.002)
+    part = ground.known_area([(0.1, 0.1), (0.5, 0.1), (0.5, 0.5), (0.1, 0.5)], 0.0)
+    assert part and part[0].value == pytest.approx(0.08, abs=2 * part[0].std)
+    assert 0 < part[0].std < 0.01
+
+
 def test_the_mesh_counts_what_overhangs() -> None:
     ground = mesh_of(lambda x, y: 0 * x)
     table = ground.moved(np.block([[np.eye(3), np.array([[0], [0], [0.2]])], [np.zeros(3), 1]]))
