@@ -51,6 +51,7 @@ from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.methods import methods
 from stereo_seecolor.report.overview import dive_facts
 from stereo_seecolor.report.texts import digits, phrase
+from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
@@ -709,3 +710,6 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area_and_one_rugosity
     said = digits(made.area_m2)
     assert f"{said} m² of reef" in methods(facts)
     assert phrase("unit.m2", value=said) in {fact.value for fact in dive_facts(facts)}
+    lacking = replace(facts, map=replace(made, missing_fraction=0.68))
+    assert any("lacks 68% of the measured ground" in reason for reason in judge(lacking).reasons)
+    assert made.missing_fraction < 0.05 and not any("lacks" in why for why in judge(facts).reasons)
