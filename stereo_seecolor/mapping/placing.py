@@ -114,8 +114,13 @@ def _on_earth(
     return replace(
         placed,
         placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config),
-        origin=trajectory.absolute.origin,
+        origin=_origin_of(trajectory.absolute),
     )
+
+
+def _origin_of(fixes: Trajectory) -> GeoOrigin | None:
+    """The origin of positions whose heights mean nothing."""
+    return replace(fixes.origin, depth_known=False) if fixes.origin else None
 
 
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> PlacedSurvey:
@@ -138,7 +143,7 @@ def _placed_by_pictures(
     if trajectory is None or (markers and markers.control):
         origin = markers.origin if markers else None
     else:
-        own, origin = at_fixes(own, survey.index, trajectory, config), trajectory.origin
+        own, origin = at_fixes(own, survey.index, trajectory, config), _origin_of(trajectory)
     return PlacedSurvey(own, None, unknown, unknown, origin, markers)
 
 
