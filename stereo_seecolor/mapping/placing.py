@@ -176,15 +176,17 @@ def _placed_by_poses(
     edges = [*track.edges]
     own = by_pictures(track) if edges else None
     verdict = examine(given, survey, edges, trajectory, config, own)
+    as_they_are = replace(verdict, navigation=verdict.navigation.unchanged(config.voxel_edge_m))
     if config.poses == "given" or own is None or not verdict.navigation.relative_poses:
-        placed = PlacedSurvey.compared(_as_given(given, survey, trajectory), verdict, trajectory)
+        as_given = _as_given(given, survey, trajectory)
+        placed = PlacedSurvey.compared(as_given, as_they_are, trajectory)
     elif not pose_graph.available():
         missing = (
             "the given poses were used unchanged: to fit them to the images, pip install "
             "'stereo-seecolor[slam]' (GTSAM)"
         )
         as_given = _as_given(verdict.placement, survey, trajectory).with_warnings(missing)
-        placed = PlacedSurvey.compared(as_given, verdict, trajectory)
+        placed = PlacedSurvey.compared(as_given, as_they_are, trajectory)
     else:
         placed = _fitted(track, own, verdict, trajectory, config)
     advice = placed.navigation and placed.navigation.advice

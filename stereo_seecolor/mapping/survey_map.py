@@ -97,6 +97,7 @@ class MapSummary:
             "the given poses contradict the images": poses
             and poses.relative_poses
             and not poses.fits,
+            "the given poses put one place more than a voxel apart": poses and poses.blurred,
             "given markers cannot be right": markers and (markers.refused or markers.doubled),
         }
         return tuple(text for text, is_so in found.items() if is_so)
