@@ -108,7 +108,7 @@ def measure_outlines(
         )
         views = float(errors.views[known].mean())
         at = windows[i]
-        top_std = np.hypot(height_std, _top_std_m(terrain.height_m[at], masks[i][at]))
+        top_std = np.hypot(height_std, _top_std_m(terrain.height_m[at], masks[i][at], 1 - fraction))
         stds = (*area_stds, relative * of_mesh_m2, top_std, volume.std)
         powers = (2, 2, 2, 2, 1, 3)
         shared = (
@@ -207,14 +207,21 @@ def _volume(
     return found or Measured(float("nan"), float("nan"), 3)
 
 
-def _top_std_m(heights: Array, inside: Mask) -> float:
-    """Standard error of the highest place by what is smoothed away around it (``height_stds``)."""
-    above = np.where(inside, heights - rim_plane(heights, rim_of(heights, inside)), np.nan)
+def _top_std_m(heights: Array, inside: Mask, unseen: float) -> float:
+    """Standard error of the highest place by what is smoothed away around it (``height_stds``), and
+    by what was not seen: it departs from the rest, as does the plane through the rim, by the spread
+    of the heights, at the part (``unseen``) of the outline and that of its rim.
+    """
+    rim = rim_of(heights, inside)
+    above = np.where(inside, heights - rim_plane(heights, rim), np.nan)
     if not np.isfinite(above).any():
         return float("nan")
-    return OF_EXTREMES * float(
+    smoothed_m = OF_EXTREMES * float(
         height_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
     )
+    padded = np.pad(inside, RIM_CELLS)  # with what lies beyond the map
+    unseen_rim = 1 - float(rim.sum()) / float(rim_of(np.zeros(padded.shape), padded).sum())
+    return float(np.hypot(smoothed_m, np.nanstd(above) * np.sqrt(unseen + unseen_rim)))
 
 
 def _window(mask: Mask) -> tuple[slice, slice]:

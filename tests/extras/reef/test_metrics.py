@@ -283,6 +283,20 @@ def test_an_outline_with_a_corner_off_the_map_has_no_tilted_area() -> None:
     assert colony.standard_error.surface_m2 > colony.standard_error.planar_m2 / 2 > 0
 
 
+def test_the_height_of_a_half_seen_mound_holds_what_was_not_seen() -> None:
+    mesh = mesh_of(lambda x, y: dome(x - 0.28, y))  # its top lies at the map's edge
+    terrain, errors = site(mesh)
+    ring = circle(RIM_M).rings[0]
+    outlines = [Outline("a", "", (ring + np.array([x_m, 0]),)) for x_m in (0.28, 0.34)]
+    for colony in measure_outlines(outlines, mesh, terrain, errors, 0.002):
+        assert colony and 0.4 < colony.unseen < 0.7
+        assert 0.03 < colony.standard_error.height_m < 0.08
+    (whole,) = measure_outlines(
+        [circle(RIM_M)], mesh_of(dome), *site(mesh_of(dome)), height_std_m=0.002
+    )
+    assert whole and whole.standard_error.height_m < 0.01
+
+
 def test_the_known_part_of_an_outline_on_the_map_has_a_standard_error() -> None:
     """Also where its corners are exact: its edge is found to half a cell."""
     heights = np.zeros((60, 60), np.float32)
