@@ -27,6 +27,7 @@ from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
+from stereo_seecolor.extras.reef.measure import Wanted, measured_on_map
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
 from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.reef.outline_files import read_outlines
@@ -295,6 +296,14 @@ def test_the_height_of_a_half_seen_mound_holds_what_was_not_seen() -> None:
         [circle(RIM_M)], mesh_of(dome), *site(mesh_of(dome)), height_std_m=0.002
     )
     assert whole and whole.standard_error.height_m < 0.01
+
+
+def test_an_area_of_the_map_without_a_surface_says_why() -> None:
+    ground = Ground(np.zeros((60, 60), np.float32), Grid(0.0, 0.6, CELL_M, (60, 60)), 0.002)
+    corners = ((0.301, 0.301), (0.303, 0.301), (0.302, 0.303))  # between the centers of cells
+    wanted = Wanted("a", "", "area", "", (), tuple((x, y, np.nan, 0.0) for x, y in corners))
+    found = measured_on_map(ground, wanted, 0.0, 0.01)
+    assert found.value and found.surface is None and "smaller than a cell" in found.note
 
 
 def test_the_known_part_of_an_outline_on_the_map_has_a_standard_error() -> None:
@@ -604,7 +613,7 @@ def test_metrics_of_a_run_with_outlines(
         "structure.csv",
     ]
     code, said, _ = cli("metrics", fused, "--polygons", polygons)
-    assert "not seen: 2" in said and "coral" in said
+    assert "not seen, or smaller than a cell: 2" in said and "coral" in said
     write_geojson(polygons, {"far": far})
     with pytest.raises(InputError, match=r"no outline lies on the map: they have x 50.2 to 50.6"):
         metrics(fused, polygons)
