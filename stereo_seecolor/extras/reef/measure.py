@@ -40,8 +40,8 @@ Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
 COLUMNS = ("measure", "frame", "kind", "label")
 NOT_ON_GROUND = (
-    "unknown along the surface: a place is not on the ground seen from above, or the outline is too "
-    "steep or smaller than a cell"
+    "unknown along the surface: a place is not on the ground seen from above, or the outline is "
+    "too steep or smaller than a cell"
 )
 FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
 
