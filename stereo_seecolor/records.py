@@ -340,11 +340,14 @@ class GeoOrigin:
         utm_epsg: EPSG code of the UTM zone whose eastings and northings the map's x and y are; the
             degrees are then those of a place in the survey, and not of (0, 0). None: x and y are
             meters east and north of the place.
+        depth_known: False where the positions come without depths: z is then a height over some
+            level, not over the water's surface.
     """
 
     latitude_deg: float
     longitude_deg: float
     utm_epsg: int | None = None
+    depth_known: bool = True
 
 
 NEAR_FIX = 0.125

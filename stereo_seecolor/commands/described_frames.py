@@ -56,17 +56,22 @@ def with_gps(content: bytes, gps: dict[int, object]) -> bytes:
 
 
 def gps_tags(point: TrackPoint, origin: GeoOrigin) -> dict[int, object]:
-    """EXIF's GPS tags of a camera's position: WGS84, its depth as an altitude below zero."""
+    """EXIF's GPS tags of a camera's position: WGS84, its depth, where known, as an altitude below
+    zero.
+    """
     latitude_deg, longitude_deg = degrees_from_north_east(point.y_m, point.x_m, origin)
     tags = ExifTags.GPS
+    depth: dict[int, object] = {
+        tags.GPSAltitudeRef: BELOW_SEA_LEVEL if point.z_m < 0 else b"\x00",
+        tags.GPSAltitude: IFDRational(round(abs(point.z_m) * 1000), 1000),
+    }
     return {
         tags.GPSVersionID: b"\x02\x03\x00\x00",
         tags.GPSLatitudeRef: "N" if latitude_deg >= 0 else "S",
         tags.GPSLatitude: _sexagesimal(latitude_deg),
         tags.GPSLongitudeRef: "E" if longitude_deg >= 0 else "W",
         tags.GPSLongitude: _sexagesimal(longitude_deg),
-        tags.GPSAltitudeRef: BELOW_SEA_LEVEL if point.z_m < 0 else b"\x00",
-        tags.GPSAltitude: IFDRational(round(abs(point.z_m) * 1000), 1000),
+        **(depth if origin.depth_known else {}),
         tags.GPSMapDatum: "WGS-84",
     }
 

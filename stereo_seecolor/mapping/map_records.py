@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -53,17 +54,22 @@ def write_poses(path: Path, component: Component, placed: PlacedSurvey) -> Path:
 
 
 def write_description(
-    path: Path, place: Georeference, config: MappingConfig, range_scale: float, area_m2: float
+    path: Path,
+    place: Georeference,
+    config: MappingConfig,
+    range_scale: float,
+    shown: Mapping[str, float],
 ) -> Path:
-    """Write map.json: the place of the map's local coordinates, the planar area that it shows, the
-    sizes of its voxels and cells, the factor on all ranges, the engine that fused it.
+    """Write map.json: the place of the map's local coordinates, what it shows (the planar area, and
+    the part of the measured ground that is missing), the sizes of its voxels and cells, the factor
+    on all ranges, the engine that fused it.
     """
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
         "origin": asdict(place.origin) if place.origin else None,
         "crs": crs_name(place.origin),
-        "area_m2": area_m2,
+        **shown,
         "range_scale": range_scale,
         "engine": config.engine,
         "voxel_m": config.voxel_edge_m,

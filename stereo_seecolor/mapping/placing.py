@@ -114,8 +114,13 @@ def _on_earth(
     return replace(
         placed,
         placement=at_fixes(placed.placement, survey.index, trajectory.absolute, config),
-        origin=trajectory.absolute.origin,
+        origin=_origin_of(trajectory.absolute),
     )
+
+
+def _origin_of(fixes: Trajectory) -> GeoOrigin | None:
+    """The origin of positions whose heights mean nothing."""
+    return replace(fixes.origin, depth_known=False) if fixes.origin else None
 
 
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> PlacedSurvey:
@@ -138,7 +143,7 @@ def _placed_by_pictures(
     if trajectory is None or (markers and markers.control):
         origin = markers.origin if markers else None
     else:
-        own, origin = at_fixes(own, survey.index, trajectory, config), trajectory.origin
+        own, origin = at_fixes(own, survey.index, trajectory, config), _origin_of(trajectory)
     return PlacedSurvey(own, None, unknown, unknown, origin, markers)
 
 
@@ -171,15 +176,17 @@ def _placed_by_poses(
     edges = [*track.edges]
     own = by_pictures(track) if edges else None
     verdict = examine(given, survey, edges, trajectory, config, own)
+    as_they_are = replace(verdict, navigation=verdict.navigation.unchanged(config.voxel_edge_m))
     if config.poses == "given" or own is None or not verdict.navigation.relative_poses:
-        placed = PlacedSurvey.compared(_as_given(given, survey, trajectory), verdict, trajectory)
+        as_given = _as_given(given, survey, trajectory)
+        placed = PlacedSurvey.compared(as_given, as_they_are, trajectory)
     elif not pose_graph.available():
         missing = (
             "the given poses were used unchanged: to fit them to the images, pip install "
             "'stereo-seecolor[slam]' (GTSAM)"
         )
         as_given = _as_given(verdict.placement, survey, trajectory).with_warnings(missing)
-        placed = PlacedSurvey.compared(as_given, verdict, trajectory)
+        placed = PlacedSurvey.compared(as_given, as_they_are, trajectory)
     else:
         placed = _fitted(track, own, verdict, trajectory, config)
     advice = placed.navigation and placed.navigation.advice

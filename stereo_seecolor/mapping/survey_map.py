@@ -49,6 +49,12 @@ WITHOUT_GEO = (
 )
 
 
+MISSING_FRACTION = 0.25
+"""Of the measured ground: more that has no height is a problem. Voxels that fit the ranges leave at
+most 0.04.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class MapSummary:
     """The outcome of a map.
@@ -58,7 +64,8 @@ class MapSummary:
     those whose files were lost meanwhile. files: all that was written.
     points: number of points of the main cloud. seconds: time that the map took. navigation: given
     poses compared with the images, None where none were given. markers: how the map fits the
-    markers, None without mapping.markers.
+    markers, None without mapping.markers. missing_fraction: of the measured ground of the main
+    component, what has no height.
     """
 
     frames: int
@@ -71,10 +78,11 @@ class MapSummary:
     warnings: tuple[str, ...]
     navigation: Navigation | None = None
     markers: MarkersFit | None = None
+    missing_fraction: float = 0.0
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What makes a map less than a success: frames that are missing or lie in separate parts,
+        """What makes a map less than a success: frames or ground that are missing, separate parts,
         given poses that contradict the images or could not be tested, given lengths of markers that
         cannot be right, two markers with one number.
         """
@@ -82,10 +90,14 @@ class MapSummary:
         found = {
             f"{len(self.unplaced)} of {self.frames} frames are not in the map": self.unplaced,
             f"the map is in {len(self.components)} parts": len(self.components) > 1,
+            f"{self.missing_fraction:.0%} of the measured ground is missing from the map": (
+                self.missing_fraction > MISSING_FRACTION
+            ),
             "the given poses could not be tested": poses and not poses.relative_poses,
             "the given poses contradict the images": poses
             and poses.relative_poses
             and not poses.fits,
+            "the given poses put one place more than a voxel apart": poses and poses.blurred,
             "given markers cannot be right": markers and (markers.refused or markers.doubled),
         }
         return tuple(text for text, is_so in found.items() if is_so)
@@ -177,7 +189,16 @@ def build_map(
         for number, folder in enumerate(folders)
     ]
     shutil.rmtree(scratch, ignore_errors=True)
-    return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+    summary = _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+    if summary.missing_fraction <= MISSING_FRACTION:
+        return summary
+    warning = (
+        f"{summary.missing_fraction:.0%} of the measured ground is missing from the map: its "
+        "ranges are too uncertain, or differ too much, for voxels of "
+        f"{config.voxel_edge_m:g} m: fuse again with a larger mapping.voxel_m (auto: five pixels "
+        "of the images)"
+    )
+    return replace(summary, warnings=(*summary.warnings, warning))
 
 
 def _in_crs(placed: PlacedSurvey, config: MappingConfig) -> PlacedSurvey:
@@ -198,11 +219,11 @@ def _summary(
     survey: Survey,
     placed: PlacedSurvey,
     lost: Mapping[int, Unplaced],
-    built: Sequence[tuple[list[Path], int]],
+    built: Sequence[tuple[list[Path], int, float]],
     seconds: float,
 ) -> MapSummary:
-    """Summarize a map. lost: frames that could not be read, by number. built: files and number of
-    points of each component.
+    """Summarize a map. lost: frames that could not be read, by number. built: files, number of
+    points and missing fraction of each component.
     """
     placement = placed.placement
     # after they were placed
@@ -212,12 +233,13 @@ def _summary(
         placed=sum(placement.sizes) - len(lost_later),
         components=placement.sizes,
         unplaced=(*placement.unplaced, *lost_later),
-        files=tuple(path for files, _ in built for path in files),
-        points=next((points for _, points in built if points), 0),
+        files=tuple(path for files, *_ in built for path in files),
+        points=next((points for _, points, _ in built if points), 0),
         seconds=seconds,
         warnings=placement.warnings + (() if georeference.available() else (WITHOUT_GEO,)),
         navigation=placed.navigation,
         markers=placed.markers,
+        missing_fraction=built[0][-1],
     )
 
 
@@ -250,8 +272,9 @@ def _build_component(
     folder: Path,
     scratch: Path,
     lost: dict[int, Unplaced],
-) -> tuple[list[Path], int]:
-    """Write the map of a component; return its files, and the number of points of its cloud.
+) -> tuple[list[Path], int, float]:
+    """Write the map of a component; return its files, the number of points of its cloud, and the
+    part of the measured ground that has no height.
 
     scratch: folder of unfinished work. lost: gets frames that cannot be read any more.
     """
@@ -275,10 +298,11 @@ def _build_component(
         cloud, mesh, points = written.result()
         files += [cloud, mesh, preview.result()]
     files += write_rasters(folder, rasters, place) if rasters else ()
-    area_m2 = rasters.area_m2 if rasters else 0.0
-    files += [write_description(folder / "map.json", place, config, placed.range_scale, area_m2)]
+    area_m2, missing = (rasters.area_m2, rasters.missing_fraction) if rasters else (0.0, 1.0)
+    shown = {"area_m2": area_m2, "missing_fraction": missing}
+    files += [write_description(folder / "map.json", place, config, placed.range_scale, shown)]
     shutil.rmtree(folder / ".rasters", ignore_errors=True)
-    return files, points
+    return files, points, missing
 
 
 def _fuse_tiles(

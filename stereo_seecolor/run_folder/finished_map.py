@@ -38,7 +38,8 @@ class FinishedMap:
     the map shows, None in maps of earlier versions. cell_m: edges of voxels and cells by name.
     offset_m: (3,), what to add to the map's own coordinates to get those of its world. pieces:
     number of further components. origin: of x and y on Earth. range_scale: how many times as long
-    ranges are in the map than in the frames' files.
+    ranges are in the map than in the frames' files. missing_fraction: of the measured ground, what
+    has no height; 0 in maps of earlier versions.
     """
 
     folder: Path
@@ -50,6 +51,7 @@ class FinishedMap:
     pieces: int
     origin: GeoOrigin | None = None
     range_scale: float = 1.0
+    missing_fraction: float = 0.0
 
 
 def open_map(out: Path) -> FinishedMap | None:
@@ -75,6 +77,7 @@ def open_map(out: Path) -> FinishedMap | None:
             pieces=len(list(folder.glob("piece_*"))),
             origin=as_record(GeoOrigin, description["origin"]) if description["origin"] else None,
             range_scale=_length("range_scale", description.get("range_scale", 1)),
+            missing_fraction=float(description.get("missing_fraction", 0)),
         )
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise damaged_map(folder, error) from error

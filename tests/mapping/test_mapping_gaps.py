@@ -1,5 +1,6 @@
 """Gaps of a map say why nothing is known there."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +86,27 @@ def test_a_gap_says_why(
     middle = codes[row - 1 : row + 1, column - 1 : column + 1]
     assert (middle == reason).all()
     assert (codes > 0).sum() == pytest.approx(0.19 * 0.22 / CONFIG.dem_m**2, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("std_m", "least", "most"), [(0.02, 0.0, 0.05), (0.1, 0.4, 0.7), (0.2, 1, 1)]
+)
+def test_ranges_too_uncertain_for_the_voxels_are_a_problem_of_the_map(
+    tmp_path: Path, std_m: float, least: float, most: float
+) -> None:
+    def noisy(i: int) -> SurveyFrame:
+        frame, rng = flat_frame(i), np.random.default_rng(i)
+        off_m = rng.normal(0, std_m, frame.range_m.shape)
+        stds_m = np.full_like(frame.range_std_m, std_m)
+        range_m = (frame.range_m + off_m).astype(np.float32)
+        return replace(frame, range_m=range_m, range_std_m=stds_m)
+
+    made = build_map([noisy(0), noisy(1)], PAIR, tmp_path, CONFIG, track(2, step_m=0.0))
+    said = [text for text in made.problems if "of the measured ground is missing" in text]
+    assert bool(said) == (least > 0) == any("voxels of 0.02 m" in text for text in made.warnings)
+    assert least <= made.missing_fraction <= most
+    description = json.loads((tmp_path / "map.json").read_text())
+    assert description["missing_fraction"] == made.missing_fraction
 
 
 def test_what_lies_outside_of_the_map_is_no_gap(tmp_path: Path) -> None:

@@ -405,6 +405,9 @@ def test_given_poses_are_the_maps_but_measured(
     )
     assert found.navigation is not None
     assert found.navigation.position_residual_m > 0.08
+    assert found.navigation.blurred and "more than a voxel apart" in str(found.navigation)
+    exact = placed(lambda T: T, MappingConfig(poses="given")).navigation
+    assert exact is not None and not exact.blurred
     with pytest.raises(MappingError, match="z axis points down"):
         placed(north_east_down, MappingConfig(poses="given"))
 

@@ -4,6 +4,7 @@ each picture's EXIF.
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,8 @@ def test_a_position_is_written_and_pixels_and_other_tags_stay(
     assert with_gps(after.read_bytes(), gps_tags(point(), ORIGIN)) == after.read_bytes(), (
         "a second time changes nothing"
     )
+    unknown = gps_tags(point(), replace(ORIGIN, depth_known=False))
+    assert ExifTags.GPS.GPSLatitude in unknown and ExifTags.GPS.GPSAltitude not in unknown
 
 
 def test_a_picture_without_exif_gets_a_position() -> None:

@@ -42,12 +42,13 @@ def write(posed: PosedRun, folder: Path) -> None:
 
 
 def _place(posed: PosedRun, T: np.ndarray) -> list[str]:
-    """lng, lat, gps_altitude."""
+    """lng, lat, gps_altitude; what is not known is empty."""
     if posed.origin is None:
         return ["", "", ""]
     x_m, y_m, z_m = (float(value) for value in T[:3, 3] + posed.offset_m)
     latitude_deg, longitude_deg = degrees_from_north_east(y_m, x_m, posed.origin)
-    return [f"{longitude_deg:.9f}", f"{latitude_deg:.9f}", f"{z_m:.3f}"]
+    altitude = f"{z_m:.3f}" if posed.origin.depth_known else ""
+    return [f"{longitude_deg:.9f}", f"{latitude_deg:.9f}", altitude]
 
 
 def _ground(posed: PosedRun, range_m: np.ndarray) -> list[str]:

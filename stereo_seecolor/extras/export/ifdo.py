@@ -92,11 +92,9 @@ def _item(posed: PosedRun, frame: FinishedFrame, image: Path, T: np.ndarray) -> 
         latitude_deg, longitude_deg = degrees_from_north_east(
             float(position_m[1]), float(position_m[0]), posed.origin
         )
-        item |= {
-            "image-latitude": latitude_deg,
-            "image-longitude": longitude_deg,
-            "image-altitude-meters": float(position_m[2]),
-        }
+        item |= {"image-latitude": latitude_deg, "image-longitude": longitude_deg}
+        if posed.origin.depth_known:
+            item["image-altitude-meters"] = float(position_m[2])
     range_m = posed.measured_range_m(frame)
     known = np.isfinite(range_m)
     if known.any():

@@ -25,7 +25,8 @@ from stereo_seecolor.records import Array, Mask
 class ColonySize:
     """Square meters, meters and liters.
 
-    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground.
+    planar_m2: in plan. tilted_m2: of the flat polygon through the outline's corners on the ground;
+    NaN where one is not known.
     surface_m2: of planes through 3x3 cells. mesh_m2: of the mesh, noise and overhangs included.
     height_m: of the highest place above the plane through the rim, without what noise adds and
     smoothing takes.
@@ -107,7 +108,7 @@ def measure_outlines(
         )
         views = float(errors.views[known].mean())
         at = windows[i]
-        top_std = np.hypot(height_std, _top_std_m(terrain.height_m[at], masks[i][at]))
+        top_std = np.hypot(height_std, _top_std_m(terrain.height_m[at], masks[i][at], 1 - fraction))
         stds = (*area_stds, relative * of_mesh_m2, top_std, volume.std)
         powers = (2, 2, 2, 2, 1, 3)
         shared = (
@@ -141,32 +142,29 @@ def _areas(
     """Planar, tilted and surface area of an outline, square meters, and their standard errors; and
     that of the steepness, relative.
 
-    A ring within a ring is taken off. Corners that are not known have no part in the tilted area.
+    A ring within a ring is taken off. The tilted area is NaN where a corner is not known.
     """
     planar_m2 = tilted_m2 = planar_variance = tilted_variance = 0.0
     for sign, ring in _signed(outline):
-        spots = [
-            spot
-            for spot in (ground.pick(float(x), float(y), None, click_m) for x, y in _open(ring))
-            if spot is not None
-        ]
-        planar_m2 += sign * polygon_area(ring)
         corners = _open(ring)
+        picks = [ground.pick(float(x), float(y), None, click_m) for x, y in corners]
+        spots = [spot for spot in picks if spot is not None]
+        planar_m2 += sign * polygon_area(ring)
         planar_variance += (click_m / 2) ** 2 * float(
             ((np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)) ** 2).sum()
         )
-        if len(spots) > 2:
-            tilted = planar_area(spots)
-            tilted_m2 += sign * tilted.value
-            tilted_variance += tilted.std**2
+        unknown = len(spots) < len(corners)
+        tilted = Measured(float("nan"), float("nan"), 2) if unknown else planar_area(spots)
+        tilted_m2 += sign * tilted.value
+        tilted_variance += tilted.std**2
     rows, columns = np.nonzero(inside)
     steepness, stds_m = ground.steepness(np.stack([columns, rows], axis=-1))
     surface_m2 = planar_m2 * float(steepness.mean()) if steepness.size else float("nan")
     relative = ground.steepness_std(steepness, stds_m, known) if steepness.size else float("nan")
-    tilted_std = float(np.sqrt(tilted_variance))
-    by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else 0.0
+    planar_std, tilted_std = float(np.sqrt(planar_variance)), float(np.sqrt(tilted_variance))
+    by_outline = tilted_std / tilted_m2 if tilted_m2 > 0 else planar_std / planar_m2
     surface_std = surface_m2 * float(np.hypot(relative, by_outline))
-    stds = float(np.sqrt(planar_variance)), tilted_std, surface_std
+    stds = planar_std, tilted_std, surface_std
     return (planar_m2, tilted_m2, surface_m2), stds, relative
 
 
@@ -209,14 +207,21 @@ def _volume(
     return found or Measured(float("nan"), float("nan"), 3)
 
 
-def _top_std_m(heights: Array, inside: Mask) -> float:
-    """Standard error of the highest place by what is smoothed away around it (``height_stds``)."""
-    above = np.where(inside, heights - rim_plane(heights, rim_of(heights, inside)), np.nan)
+def _top_std_m(heights: Array, inside: Mask, unseen: float) -> float:
+    """Standard error of the highest place by what is smoothed away around it (``height_stds``), and
+    by what was not seen: it departs from the rest, as does the plane through the rim, by the spread
+    of the heights, at the part (``unseen``) of the outline and that of its rim.
+    """
+    rim = rim_of(heights, inside)
+    above = np.where(inside, heights - rim_plane(heights, rim), np.nan)
     if not np.isfinite(above).any():
         return float("nan")
-    return OF_EXTREMES * float(
+    smoothed_m = OF_EXTREMES * float(
         height_stds(heights)[np.unravel_index(np.nanargmax(above), above.shape)]
     )
+    padded = np.pad(inside, RIM_CELLS)  # with what lies beyond the map
+    unseen_rim = 1 - float(rim.sum()) / float(rim_of(np.zeros(padded.shape), padded).sum())
+    return float(np.hypot(smoothed_m, np.nanstd(above) * np.sqrt(unseen + unseen_rim)))
 
 
 def _window(mask: Mask) -> tuple[slice, slice]:

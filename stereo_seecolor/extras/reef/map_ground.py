@@ -224,14 +224,18 @@ class Ground:
         for corners off the map.
         """
         outline = self.grid.pixels(np.array(places))
-        steepness, _, known = self._inside(outline)
+        steepness, stds_m, known = self._inside(outline)
         if not steepness.size:
             return None
         area_m2 = float(steepness.mean()) * polygon_area(outline) * self.grid.cell_m**2 * known
         around_m = (
             float(np.hypot(*(outline - np.roll(outline, 1, axis=0)).T).sum()) * self.grid.cell_m
         )
-        return Measured(area_m2, click_m * around_m / float(np.sqrt(len(outline))), 2), known
+        # to half a cell the edge of what is known is found
+        border_m = float(np.hypot(click_m, self.grid.cell_m / 2))
+        by_border = border_m * around_m / np.sqrt(len(outline))
+        by_heights = area_m2 * self.steepness_std(steepness, stds_m, 1.0)
+        return Measured(area_m2, float(np.hypot(by_border, by_heights)), 2), known
 
     def _inside(self, outline: Array) -> tuple[Array, Array, float]:
         """``steepness`` of the cells inside an outline, in cells; and the known fraction."""

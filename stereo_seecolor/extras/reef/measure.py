@@ -39,6 +39,10 @@ from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
 COLUMNS = ("measure", "frame", "kind", "label")
+NOT_ON_GROUND = (
+    "unknown along the surface: a place is not on the ground seen from above, or the outline is "
+    "too steep or smaller than a cell"
+)
 FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
 
 
@@ -188,7 +192,7 @@ def measured_on_map(
     measurement = Measurement(*about, straight.value, straight.total_std(calibration))
     on_ground, known = _on_ground(ground, wanted.kind, spots)
     if on_ground is None:
-        return measurement
+        return replace(measurement, note=NOT_ON_GROUND)
     volume = volume_above(ground, spots, correlation_m) if wanted.kind == "area" else None
     return replace(
         measurement,

@@ -30,7 +30,7 @@ def metrics_text(result: "SiteMetrics") -> str:
     if result.unseen_points:
         parts.append(lines(f"points off or in gaps of the map: {result.unseen_points}"))
     parts += [
-        lines(*(f"not seen: {name}" for name in result.unseen)),
+        lines(*(f"not seen, or smaller than a cell: {name}" for name in result.unseen)),
         lines(*(f"  {path}" for path in result.files)),
     ]
     return "\n".join(part for part in parts if part)

@@ -67,7 +67,8 @@ class Navigation:
     depth_noise_m: by the measured ones. position_std_m, depth_std_m, attitude_std_deg: how far a
     pose was trusted, NaN where it was not used or taken as it is. fits: False where the poses
     contradict the images. advice: how they would fit, or what is off in them, "" where
-    nothing is.
+    nothing is. blurred: whether poses that were taken as they are put what overlapping frames saw
+    more than a voxel apart.
     """
 
     relative_poses: int
@@ -80,6 +81,7 @@ class Navigation:
     attitude_std_deg: float = float("nan")
     fits: bool = True
     advice: str = ""
+    blurred: bool = False
 
     def __str__(self) -> str:
         if not self.relative_poses:
@@ -100,7 +102,18 @@ class Navigation:
                 f"{self.depth_std_m:.3f} m, "
             )
             text += f"{self.attitude_std_deg:.2f} degrees"
+        if self.blurred:
+            text += (
+                "; the poses were used unchanged and put one place more than a voxel apart: "
+                "rugosity and surfaces of the map are too large (mapping.poses=prior fits the "
+                "poses to the images)"
+            )
         return text
+
+    def unchanged(self, voxel_m: float) -> "Navigation":
+        """The outcome of poses that are taken as they are."""
+        apart_m2 = self.depth_residual_m**2 - self.depth_noise_m**2
+        return replace(self, blurred=apart_m2 > voxel_m**2)
 
 
 @dataclass(frozen=True, eq=False)

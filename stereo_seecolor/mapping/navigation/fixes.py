@@ -79,7 +79,8 @@ def at_fixes(
             warnings.append(
                 f"the track is aligned to {len(fixed)} fixes, which scatter around it by "
                 f"{fit.scatter_m:.1f} m; the standard error of its heading is "
-                f"{fit.heading_std_deg:.0f} degrees"
+                f"{fit.heading_std_deg:.0f} degrees; its depth is unknown: heights count from its "
+                "mean height"
             )
             continue
         reason = f"{len(fixed)} fixes along its track do not determine its heading"

@@ -16,7 +16,7 @@ from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
-from stereo_seecolor.mapping.raster.gaps import render_gaps
+from stereo_seecolor.mapping.raster.gaps import Reason, render_gaps
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.grid import Grid, bounds
 from stereo_seecolor.mapping.raster.mosaic import render_mosaic
@@ -70,6 +70,18 @@ class Rasters:
             (self.terrain.read(*window) for window in self.terrain.windows()),
             self.terrain.grid.cell_m,
         )
+
+    @property
+    def missing_fraction(self) -> float:
+        """The part of the measured ground that has no height, because its ranges are too uncertain
+        or disagree.
+        """
+        reasons = (self.gaps.read(*window) for window in self.gaps.windows())
+        missing = sum(
+            int(np.isin(each, (Reason.UNCERTAIN, Reason.DISAGREE)).sum()) for each in reasons
+        )
+        known = self.area_m2 / self.terrain.grid.cell_m**2
+        return missing / max(missing + known, 1)
 
 
 def write_preview(folder: Path, surfaces: Surfaces) -> Path:

@@ -256,6 +256,20 @@ def on_earth(fused: Path, out: Path) -> Path:
     return out
 
 
+def test_an_unknown_depth_is_not_exported_as_an_altitude(fused: Path, tmp_path: Path) -> None:
+    out = on_earth(fused, tmp_path / "out")
+    description = json.loads((out / "map/map.json").read_text())
+    description["origin"]["depth_known"] = False
+    (out / "map/map.json").write_text(json.dumps(description))
+    export(out, "biigle", tmp_path / "biigle")
+    export(out, "ifdo", tmp_path / "ifdo")
+    rows = csv.DictReader((tmp_path / "biigle/metadata.csv").read_text().splitlines())
+    assert all(row["lat"] and not row["gps_altitude"] for row in rows)
+    items = yaml.safe_load((tmp_path / "ifdo/image-set.ifdo.yaml").read_text())["image-set-items"]
+    assert all("image-latitude" in item for item in items.values())
+    assert not any("image-altitude-meters" in item for item in items.values())
+
+
 @pytest.mark.slow
 def test_tiles_for_globes_lie_where_the_map_lies(fused: Path, tmp_path: Path) -> None:
     import trimesh

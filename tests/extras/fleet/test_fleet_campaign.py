@@ -165,7 +165,7 @@ def test_a_dive_whose_numbers_or_map_are_not_right_is_not_done(
         "map": RunSummary((row("ok"),)),
         "good": RunSummary((row("ok"),)),
     }
-    navigation = SimpleNamespace(relative_poses=3, fits=False)
+    navigation = SimpleNamespace(relative_poses=3, fits=False, blurred=False)
     mapped = MapSummary(5, 4, (2, 2), ("x",), (), 9, 1.0, (), navigation)
     monkeypatch.setattr(module, "run", lambda *given: made[given[3].name])
     monkeypatch.setattr(module, "fuse", lambda *_: mapped)

@@ -396,7 +396,9 @@ def test_navigation_that_puts_the_same_ground_elsewhere_is_wrong(
     assert (f"the same ground {apart}" in note) if apart else not note
 
 
-@pytest.mark.parametrize(("scale", "std", "is_wrong"), [(1.03, 1e-3, True), (0.97, 0.02, False)])
+@pytest.mark.parametrize(
+    ("scale", "std", "is_wrong"), [(1.03, 1e-3, True), (0.97, 0.02, False), (1.0002, 1e-5, False)]
+)
 def test_lengths_that_certainly_differ_by_more_than_2_percent_are_wrong(
     scale: float,
     std: float,

@@ -27,6 +27,7 @@ from stereo_seecolor.extras.reef.cover import cover
 from stereo_seecolor.extras.reef.ground_volume import volume_above
 from stereo_seecolor.extras.reef.lengths_and_areas import planar_area
 from stereo_seecolor.extras.reef.map_ground import Ground
+from stereo_seecolor.extras.reef.measure import Wanted, measured_on_map
 from stereo_seecolor.extras.reef.metric_tables import SiteMetrics
 from stereo_seecolor.extras.reef.metrics import metrics
 from stereo_seecolor.extras.reef.outline_files import read_outlines
@@ -51,6 +52,7 @@ from stereo_seecolor.report.facts import DiveFacts
 from stereo_seecolor.report.methods import methods
 from stereo_seecolor.report.overview import dive_facts
 from stereo_seecolor.report.texts import digits, phrase
+from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
@@ -269,6 +271,49 @@ def test_areas_of_an_outline_have_the_errors_of_its_corners_and_of_the_calibrati
     )
     by_clicks = 0.003 / 2 * np.sqrt(4 * 2 * 0.2**2)
     assert colony.standard_error.planar_m2 == pytest.approx(np.hypot(by_clicks, 0.01 * 0.04))
+
+
+def test_an_outline_with_a_corner_off_the_map_has_no_tilted_area() -> None:
+    mesh = mesh_of(lambda x, y: 0 * x)
+    terrain, errors = site(mesh)
+    beyond = Outline("a", "", (np.array([[-0.2, -0.2], [0.2, -0.2], [0.5, 0.2], [-0.2, 0.2]]),))
+    (colony,) = measure_outlines([beyond], mesh, terrain, errors, 0.002, 0.003)
+    assert colony
+    assert np.isnan([colony.measured.tilted_m2, colony.standard_error.tilted_m2]).all()
+    assert colony.measured.surface_m2 == pytest.approx(0.22)
+    assert colony.standard_error.surface_m2 > colony.standard_error.planar_m2 / 2 > 0
+
+
+def test_the_height_of_a_half_seen_mound_holds_what_was_not_seen() -> None:
+    mesh = mesh_of(lambda x, y: dome(x - 0.28, y))  # its top lies at the map's edge
+    terrain, errors = site(mesh)
+    ring = circle(RIM_M).rings[0]
+    outlines = [Outline("a", "", (ring + np.array([x_m, 0]),)) for x_m in (0.28, 0.34)]
+    for colony in measure_outlines(outlines, mesh, terrain, errors, 0.002):
+        assert colony and 0.4 < colony.unseen < 0.7
+        assert 0.03 < colony.standard_error.height_m < 0.08
+    (whole,) = measure_outlines(
+        [circle(RIM_M)], mesh_of(dome), *site(mesh_of(dome)), height_std_m=0.002
+    )
+    assert whole and whole.standard_error.height_m < 0.01
+
+
+def test_an_area_of_the_map_without_a_surface_says_why() -> None:
+    ground = Ground(np.zeros((60, 60), np.float32), Grid(0.0, 0.6, CELL_M, (60, 60)), 0.002)
+    corners = ((0.301, 0.301), (0.303, 0.301), (0.302, 0.303))  # between the centers of cells
+    wanted = Wanted("a", "", "area", "", (), tuple((x, y, np.nan, 0.0) for x, y in corners))
+    found = measured_on_map(ground, wanted, 0.0, 0.01)
+    assert found.value and found.surface is None and "smaller than a cell" in found.note
+
+
+def test_the_known_part_of_an_outline_on_the_map_has_a_standard_error() -> None:
+    """Also where its corners are exact: its edge is found to half a cell."""
+    heights = np.zeros((60, 60), np.float32)
+    heights[:, 30:] = np.nan
+    ground = Ground(heights, Grid(0.0, 0.6, CELL_M, heights.shape), 0.002)
+    part = ground.known_area([(0.1, 0.1), (0.5, 0.1), (0.5, 0.5), (0.1, 0.5)], 0.0)
+    assert part and part[0].value == pytest.approx(0.08, abs=2 * part[0].std)
+    assert 0 < part[0].std < 0.01
 
 
 def test_the_mesh_counts_what_overhangs() -> None:
@@ -568,7 +613,7 @@ def test_metrics_of_a_run_with_outlines(
         "structure.csv",
     ]
     code, said, _ = cli("metrics", fused, "--polygons", polygons)
-    assert "not seen: 2" in said and "coral" in said
+    assert "not seen, or smaller than a cell: 2" in said and "coral" in said
     write_geojson(polygons, {"far": far})
     with pytest.raises(InputError, match=r"no outline lies on the map: they have x 50.2 to 50.6"):
         metrics(fused, polygons)
@@ -688,3 +733,6 @@ def test_page_methods_metrics_mosaic_and_terrain_state_one_area_and_one_rugosity
     said = digits(made.area_m2)
     assert f"{said} m² of reef" in methods(facts)
     assert phrase("unit.m2", value=said) in {fact.value for fact in dive_facts(facts)}
+    lacking = replace(facts, map=replace(made, missing_fraction=0.68))
+    assert any("lacks 68% of the measured ground" in reason for reason in judge(lacking).reasons)
+    assert made.missing_fraction < 0.05 and not any("lacks" in why for why in judge(facts).reasons)

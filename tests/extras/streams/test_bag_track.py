@@ -168,7 +168,7 @@ def test_fixes_attitude_and_pressure_place_the_left_camera(suffix, tmp_path) -> 
     sent += [*(fix(suffix, i) for i in range(4)), fix(suffix, 4, status=-1), *images()]
     found = read_trajectory(write_bag(tmp_path / f"b{suffix}", sent), MountConfig(xyz_m=(1, 0, 0)))
     assert (found.camera, found.up, len(found.names)) == ("raw", "z", 4)
-    assert found.origin is not None
+    assert found.origin is not None and found.origin.depth_known
     assert (found.origin.latitude_deg, found.origin.longitude_deg) == pytest.approx((-23.5, 152.1))
     turn = Rotation.from_euler("z", 20, degrees=True)  # at two seconds
     np.testing.assert_allclose(
@@ -186,6 +186,7 @@ def test_fixes_alone_give_heights_and_need_an_attitude(tmp_path) -> None:
         write_bag(tmp_path / "a.mcap", [*turns, *(fix(".mcap", i) for i in range(3))])
     )
     np.testing.assert_allclose(found.T_world_camera[:, 2, 3], (0, -1, -2), atol=1e-9)
+    assert found.origin is not None and not found.origin.depth_known
     np.testing.assert_allclose(
         found.T_world_camera[0, :3, :3], (TURN * OPTICAL).as_matrix(), atol=1e-9
     )

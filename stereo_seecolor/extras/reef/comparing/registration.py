@@ -29,6 +29,7 @@ class RegistrationSettings:
     # of the ground over both must fit: what moved cannot be told from what did not otherwise
     stable: float = 0.5
     scale_sigmas: float = 4.0  # beyond which the scales of the two surveys differ
+    least_scale: float = 0.001  # tracks without loops differ by as much; a volume by 0.3 %
     wrong_scale: float = 0.02  # beyond which they do not only differ: one is wrong, as for check
 
 
@@ -65,7 +66,7 @@ class Registration:
     def scale_note(self) -> str:
         """What it means that the two surveys certainly have different meters; else empty."""
         off = self.scale - 1
-        if abs(off) <= SETTINGS.scale_sigmas * self.scale_std:
+        if abs(off) <= max(SETTINGS.scale_sigmas * self.scale_std, SETTINGS.least_scale):
             return ""
         return (
             f"lengths of the second survey are {abs(off):.2%} +- {self.scale_std:.2%} too "

@@ -7,7 +7,7 @@ Axes are those of REP 103 and REP 145: attitude turns the body (forward, left, u
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,7 @@ def fixed_track(bag: Bag) -> FixedTrack | None:
     depth_m = _depth_m(
         bag, times_ns, np.array([message.altitude for _, message in known], np.float64)
     )
+    origin = replace(origin, depth_known=bool(_longest(bag, PRESSURE)))
     T = rigid_transform(
         _attitude(imu, times_ns), np.column_stack([north_east_m[:, ::-1], -depth_m])
     )
