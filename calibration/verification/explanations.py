@@ -133,9 +133,10 @@ class Causes:
         """Tell whether ranges are wrong by what may be another distortion of a lens."""
         return any(set(one.causes) & set(LENSES) for one in self._wrong)
 
-    def is_(self, cause: Cause) -> bool:
-        """Tell whether this cause alone explains all, as the best."""
-        return self.explains and self.best is not None and self.best.causes == (cause,)
+    def is_(self, *causes: Cause) -> bool:
+        """Tell whether these causes alone, or some of them, explain all, as the best."""
+        found = self.best.causes if self.explains and self.best else ()
+        return bool(found) and set(found) <= set(causes)
 
     def agrees_with(self, motion: Motion) -> bool:
         """Tell whether the best says of ranges what the motion alone says."""
