@@ -89,7 +89,7 @@ class Causes:
         """Add what explains the beginning and the end of the dive, if each has its own causes."""
         if not (before.best and after.best and before.explains and after.explains):
             return self
-        same = before.best.causes == after.best.causes
+        same = set(before.best.causes) == set(after.best.causes)
         return self if same else replace(self, parts=(before.best, after.best))
 
     @property

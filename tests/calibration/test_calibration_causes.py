@@ -99,6 +99,14 @@ def test_ends_of_a_dive_outrank_what_explains_all_of_it() -> None:
         assert ("+20%" in lines) == (not found.parts)
 
 
+def test_the_same_causes_in_another_order_are_no_change_in_the_dive() -> None:
+    one, other = (
+        Causes(Explanation("both", causes, 0.0), numbers=20)
+        for causes in (CAUSES[:2], CAUSES[1::-1])
+    )
+    assert one.in_parts(one, other).parts is None
+
+
 def test_a_wrong_baseline_leaves_no_trace() -> None:
     T = rig().T_right_left.copy()
     T[:3, 3] *= 1.1
