@@ -86,11 +86,11 @@ class Causes:
         return self.rig if self.explains and self.best and len(self.best.causes) == 1 else None
 
     def in_parts(self, before: "Causes", after: "Causes") -> "Causes":
-        """Add what explains the beginning and the end of the dive, if each has its own causes."""
+        """Add what explains the beginning and the end of the dive, if nothing explains both."""
         if not (before.best and after.best and before.explains and after.explains):
             return self
-        same = set(before.best.causes) == set(after.best.causes)
-        return self if same else replace(self, parts=(before.best, after.best))
+        ends = [{frozenset(one.causes) for one in end._all} for end in (before, after)]
+        return self if ends[0] & ends[1] else replace(self, parts=(before.best, after.best))
 
     @property
     def explains_motion(self) -> bool:

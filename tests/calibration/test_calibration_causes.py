@@ -99,12 +99,15 @@ def test_ends_of_a_dive_outrank_what_explains_all_of_it() -> None:
         assert ("+20%" in lines) == (not found.parts)
 
 
-def test_the_same_causes_in_another_order_are_no_change_in_the_dive() -> None:
-    one, other = (
-        Causes(Explanation("both", causes, 0.0), numbers=20)
-        for causes in (CAUSES[:2], CAUSES[1::-1])
+def test_causes_that_explain_both_ends_are_no_change_in_the_dive() -> None:
+    """In any order, and as the best of one end and a rival at the other."""
+    one, turned_around, another = (
+        Explanation("both", causes, 0.0) for causes in (CAUSES[:2], CAUSES[1::-1], CAUSES[2:4])
     )
-    assert one.in_parts(one, other).parts is None
+    before = Causes(one, numbers=20)
+    for after in (Causes(turned_around, numbers=20), Causes(another, (one,), numbers=20)):
+        assert before.in_parts(before, after).parts is None
+    assert before.in_parts(before, Causes(another, numbers=20)).parts
 
 
 def test_a_wrong_baseline_leaves_no_trace() -> None:
