@@ -31,7 +31,7 @@ from calibration.verification.motion import motion_of, range_error
 from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
 from calibration.verification.motion_result import NO_MOTION, Motion
 from calibration.verification.rigid_motion import SeenTwice
-from calibration.verification.table import CAUSES
+from calibration.verification.table import CAUSES, STRETCHED
 
 PENALTY = 9.0
 """Of an amount more, in squared standard errors: chance reaches three in one of 370."""
@@ -90,6 +90,8 @@ def find_causes(
         chance = 2 * log(comb(len(CAUSES), together) / len(CAUSES))
         if misfit < best[0].misfit(least) - (PENALTY + chance) * times:
             best = [fit for fit in fits if fit.misfit(least) < misfit + ALIKE]
+    if not points.couples and len(best[0].causes) > 1:
+        best += _stretched(points, start, best[0])
     best.sort(key=lambda fit: fit.unusual)  # of those that explain as much the most usual
     best = [fit for fit in best if fit.unusual < 2 or fit.unusual == best[0].unusual]
     explained = [_explanation(fit, points, best[0]) for fit in best]
@@ -106,8 +108,9 @@ def find_causes(
 def _with_one_more(points: DivePoints, continued: Sequence[RigEvidence]) -> list[RigEvidence]:
     """Sets of causes with one more, those that promise the most, fitted."""
     promising: dict[tuple[int, ...], tuple[float, tuple[int, ...], Array]] = {}
+    untold = set() if points.couples else {CAUSES.index(cause) for cause in STRETCHED}
     for at in continued:
-        for cause in sorted(set(range(len(CAUSES))) - set(at.causes)):
+        for cause in sorted(set(range(len(CAUSES))) - untold - set(at.causes)):
             causes, amounts, rest = at.with_one(points, cause)
             key = tuple(sorted(causes))
             if rest < min(at.misfit(at) - PENALTY, promising.get(key, (np.inf,))[0]):
@@ -124,6 +127,16 @@ def _with_one_more(points: DivePoints, continued: Sequence[RigEvidence]) -> list
         fit = _fitted(points, causes, amounts)
         fits += [fit] if fit else []
     return fits
+
+
+def _stretched(points: DivePoints, start: RigEvidence, best: RigEvidence) -> list[RigEvidence]:
+    """Stretches that explain rows as well as the best does, which takes more causes: rows alone do
+    not tell one from two movements.
+    """
+    tried = [start.with_one(points, CAUSES.index(cause))[:2] for cause in STRETCHED]
+    fits = [fit for one in tried if (fit := _fitted(points, *one))]
+    most = best.misfit(best) + ALIKE
+    return [fit for fit in fits if fit.misfit(best) < most and _is_plausible(points, fit, best)]
 
 
 def _fitted(points: DivePoints, causes: tuple[int, ...], amounts: Array) -> RigEvidence | None:
@@ -196,7 +209,11 @@ def _explanation(fit: RigEvidence, points: DivePoints, least: RigEvidence) -> Ex
         std,
         most_of(np.abs(off)),
         abs(error) > max(RANGE_ERROR, DEVIATIONS * of_causes)
-        or uneven > max(RANGE_ERROR, DEVIATIONS * uneven_std),
+        or uneven > max(RANGE_ERROR, DEVIATIONS * uneven_std)
+        or any(
+            cause in STRETCHED and abs(amount) > RANGE_ERROR
+            for cause, amount in zip(chosen, fit.amounts, strict=True)
+        ),
     )
 
 

@@ -23,7 +23,7 @@ from calibration.verification.dive_points import (
 )
 from calibration.verification.motion import fit_clear, range_error
 from calibration.verification.motion_result import LIMITS as MOTION_LIMITS
-from calibration.verification.rigid_motion import COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
+from calibration.verification.rigid_motion import ASPECT, COLUMNS, FOCAL, OFFSET, ROWS, SeenTwice
 from calibration.verification.row_fits import robust_fit
 from calibration.verification.table import CAUSES, MOVED
 
@@ -205,39 +205,42 @@ def _row_evidence(
 def _motion_evidence(
     couples: Sequence[SeenTwice], pair: RectifiedPair
 ) -> tuple[Array, Array, float]:
-    """(4,) offset, focal length, and disparities over rows and columns, and their covariance, with
-    that of a usual lens model; and what motions leave beside these, pixels.
+    """(5,) focal length across the baseline, offset, focal length, and disparities over rows and
+    columns, and their covariance, with that of a usual lens model; and what motions leave beside
+    these, pixels.
     """
-    chosen = [OFFSET, FOCAL, ROWS, COLUMNS]
+    chosen = [ASPECT, OFFSET, FOCAL, ROWS, COLUMNS]
     fitted, free = fit_clear(couples, pair)
     off = (fitted.partial - fitted.partial.mean(axis=0))[:, chosen]
     lens_px = MOTION_LIMITS.lens_rad * pair.focal_px
-    lens = np.array([lens_px, MOTION_LIMITS.focal, lens_px / 2, lens_px / 2])
+    lens = np.array(
+        [MOTION_LIMITS.focal / 2, lens_px, MOTION_LIMITS.focal, lens_px / 2, lens_px / 2]
+    )
     between = (len(couples) - 1) / len(couples) * off.T @ off
     cov = between + np.diag(fitted.formal[chosen] ** 2 + lens**2)
-    cov[1, 1] += FOCAL not in free
+    cov[2, 2] += FOCAL not in free
     return fitted.values[chosen], np.asarray(cov, np.float64), fitted.rest_px
 
 
 def _predicted_motion(
     left: Array, left_now: Array, before: Array, after: Array, pair: RectifiedPair
 ) -> Array:
-    """(4,) what would be seen of disparities and focal length: points of left images, as they lie
-    now, are turned (which no motion shows) and enlarged against before.
+    """(5,) what would be seen of disparities and focal lengths: points of left images, as they lie
+    now, are turned (which no motion shows), enlarged and stretched against before.
     """
     (x, y), one = left.T / pair.focal_px, np.ones(len(left))
     moved = (left_now - left).T
     terms = np.concatenate(
         [
-            np.column_stack([one + x**2, x * y, -y, left[:, 0]]),
-            np.column_stack([x * y, one + y**2, x, left[:, 1]]),
+            np.column_stack([one + x**2, x * y, -y, left[:, 0], 0 * y]),
+            np.column_stack([x * y, one + y**2, x, left[:, 1], left[:, 1]]),
         ]
     )
-    focal = float(np.linalg.lstsq(terms, moved.ravel(), rcond=None)[0][3])
+    focal, aspect = np.linalg.lstsq(terms, moved.ravel(), rcond=None)[0][3:]
     half = np.array(pair.image_size) / 2
     over = np.column_stack([one, left[:, 1] / half[1], left[:, 0] / half[0]])
     offset, rows, columns = np.linalg.lstsq(over, focal * before - (after - before), rcond=None)[0]
-    return np.array([offset, focal, rows, columns])
+    return np.array([aspect, offset, focal, rows, columns])
 
 
 def most_of(values: Array) -> float:

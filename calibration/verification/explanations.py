@@ -86,11 +86,11 @@ class Causes:
         return self.rig if self.explains and self.best and len(self.best.causes) == 1 else None
 
     def in_parts(self, before: "Causes", after: "Causes") -> "Causes":
-        """Add what explains the beginning and the end of the dive, if each has its own causes."""
+        """Add what explains the beginning and the end of the dive, if nothing explains both."""
         if not (before.best and after.best and before.explains and after.explains):
             return self
-        same = before.best.causes == after.best.causes
-        return self if same else replace(self, parts=(before.best, after.best))
+        ends = [{frozenset(one.causes) for one in end._all} for end in (before, after)]
+        return self if ends[0] & ends[1] else replace(self, parts=(before.best, after.best))
 
     @property
     def explains_motion(self) -> bool:
@@ -133,9 +133,10 @@ class Causes:
         """Tell whether ranges are wrong by what may be another distortion of a lens."""
         return any(set(one.causes) & set(LENSES) for one in self._wrong)
 
-    def is_(self, cause: Cause) -> bool:
-        """Tell whether this cause alone explains all, as the best."""
-        return self.explains and self.best is not None and self.best.causes == (cause,)
+    def is_(self, *causes: Cause) -> bool:
+        """Tell whether these causes alone, or some of them, explain all, as the best."""
+        found = self.best.causes if self.explains and self.best else ()
+        return bool(found) and set(found) <= set(causes)
 
     def agrees_with(self, motion: Motion) -> bool:
         """Tell whether the best says of ranges what the motion alone says."""

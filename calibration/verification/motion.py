@@ -33,6 +33,7 @@ from calibration.verification.matches import (
 )
 from calibration.verification.motion_result import LIMITS, Motion
 from calibration.verification.rigid_motion import (
+    ASPECT,
     COLUMNS,
     FOCAL,
     LATER,
@@ -96,23 +97,29 @@ def changes_in_time(couples: Sequence[SeenTwice], geometry: RectifiedPair) -> bo
 def fit_clear(
     couples: Sequence[SeenTwice], geometry: RectifiedPair
 ) -> tuple[Fitted, Collection[int]]:
-    """Fit an offset, and a focal length and errors over rows and columns where these couples show
-    them clearly; and which values were fitted.
+    """Fit an offset, and a focal length, one of the other axis, and errors over rows and columns,
+    where these couples show them clearly; and which values were fitted.
 
     Where an error over the rows is not clear, leaving it free would take a part of an offset.
     """
     disparity_px = float(np.median(np.concatenate([couple.first[:, 2] for couple in couples])))
-    every, free = (OFFSET, FOCAL, ROWS, COLUMNS), [OFFSET, FOCAL]
+    every, free = (OFFSET, FOCAL, ROWS, COLUMNS, ASPECT), [OFFSET, FOCAL]
     uneven = _without_noise(fit_motions(couples, geometry, *every), couples, geometry, every)
     for value in (ROWS, COLUMNS):
         std_px = float(np.hypot(uneven.std[value], LIMITS.lens_rad * geometry.focal_px / 2))
         least_px = max(LIMITS.uneven * disparity_px, LIMITS.deviations * std_px)
         free += [value] if abs(uneven.values[value]) > least_px else []
+    aspect_std = float(np.hypot(uneven.std[ASPECT], LIMITS.focal / 2))
+    free += [ASPECT] if abs(uneven.values[ASPECT]) > LIMITS.pair_deviations * aspect_std else []
     fitted = fit_motions(couples, geometry, *free, start=uneven)
     if fitted.std[FOCAL] >= LIMITS.known_focal:
         free.remove(FOCAL)
         fitted = fit_motions(couples, geometry, *free, start=fitted)
-    return _without_noise(fitted, couples, geometry, free), free
+    fitted = _without_noise(fitted, couples, geometry, free)
+    if ASPECT not in free:  # causes are tested on it, too
+        for name in ("values", "partial", "std", "formal"):
+            getattr(fitted, name)[..., ASPECT] = getattr(uneven, name)[..., ASPECT]
+    return fitted, free
 
 
 def _without_noise(
@@ -220,6 +227,8 @@ def _motion_of(couples: Sequence[SeenTwice], geometry: RectifiedPair, unknown: M
         columns_std_px=(
             float(np.hypot(fitted.std[COLUMNS], lens_px / 2)) if COLUMNS in free else np.inf
         ),
+        aspect=float(np.expm1(fitted.values[ASPECT])) if ASPECT in free else 0.0,
+        aspect_std=float(np.hypot(fitted.std[ASPECT], LIMITS.focal / 2)),
     )
 
 

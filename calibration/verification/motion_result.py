@@ -68,6 +68,8 @@ class Motion:
     between_px: by how much disparities differ between two moments of a couple (median), where that
     is what couples show; between_rows: that is at the upper and lower edge alone; rolled_px: what a
     roll of a camera makes there (median), as the rows want it.
+    aspect, aspect_std: by how much the focal length across the baseline is longer than calibrated
+    if the one along it is right, relative; 0 where it explains nothing.
     rest_px, own_px: what the values leave, and what couples leave that each have values of their
     own. disparity_px: median.
     """
@@ -89,6 +91,8 @@ class Motion:
     rolled_px: float = 0.0
     between_px: float = 0.0
     between_rows: bool = False
+    aspect: float = 0.0
+    aspect_std: float = np.inf
     rest_px: float = 0.0
     own_px: float = np.inf
     disparity_px: float = np.nan
@@ -113,7 +117,7 @@ class Motion:
     @property
     def _is_uneven(self) -> bool:
         """Whether disparities are wrong by amounts that differ over the image or by pair."""
-        return bool(self.rows_px or self.columns_px or self.between_px)
+        return bool(self.rows_px or self.columns_px or self.between_px or self.aspect)
 
     @property
     def is_misfit(self) -> bool:
@@ -158,6 +162,11 @@ class Motion:
             )
             if amount_px
         ]
+        if self.aspect:
+            over.append(
+                f"the focal length across the baseline changes by {self.aspect:+.0%} +- "
+                f"{self.aspect_std:.0%} against that along it"
+            )
         figures = "; ".join([*over, *([] if over and not self._is_off else [self.figures])])
         return (
             f"motion between {counted(self.couples, 'couple')} of neighboring pairs: {figures}"

@@ -13,12 +13,12 @@ from calibration.verification.row_fits import explain
 
 POSE = 6
 """A turn (rad) and a shift (baselines) of each couple; then come the shared values."""
-SHARED = 6
-OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS = range(SHARED)
+SHARED = 7
+OFFSET, FOCAL, ROWS, COLUMNS, LATER, LATER_ROWS, ASPECT = range(SHARED)
 """Shared values, to be added to disparities, pixels: an offset; an amount that grows over the rows
 and one that grows over the columns, at half the image's height and width from the middle; and, at
 the second moment alone, an offset and an amount that grows over the rows. FOCAL is the logarithm of
-the focal length's factor."""
+the focal length's factor, ASPECT that of a further one across the baseline."""
 STEPS = np.array([1e-5] * 3 + [1e-4] * 3)
 """A pose that moves by less has converged."""
 
@@ -29,7 +29,7 @@ ROUNDS, POSES_FIRST = 40, 6
 """Of Gauss-Newton; and how many of them leave the shared values alone."""
 NOISE_PX = 0.15
 """Where the loss turns from squares to absolute values."""
-DEVIATIONS = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0)
+DEVIATIONS = (30.0, 0.1, 10.0, 10.0, 10.0, 10.0, 0.1)
 """Standard deviations of the shared values before anything is seen: couples that only move sideways
 hold no focal length.
 """
@@ -67,10 +67,10 @@ class SeenTwice:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """values: (6,) shared values, 0 where they were not free. partial: (couples, 6) the same
+    """values: (7,) shared values, 0 where they were not free. partial: (couples, 7) the same
     without each couple.
 
-    std: (6,) standard errors, from the residuals and between couples; formal: from the residuals
+    std: (7,) standard errors, from the residuals and between couples; formal: from the residuals
     alone. rest_px: root mean square of the residuals. poses: (couples, 6).
     """
 
@@ -208,10 +208,10 @@ def _residuals(
     turned = [cv2.Rodrigues(pose[:3]) for pose in poses]
     R, by_turn = np.stack([R for R, _ in turned]), np.stack([by for _, by in turned])
     shift, free = poses[:, 3:, None], shared[list(points.free)]
-    scale = focal_px * np.exp(shared[FOCAL])
+    scale = focal_px * np.exp(shared[FOCAL] + shared[ASPECT] * np.array([[0.0], [1.0], [0.0]]))
     first, second = points.first / scale, points.second / scale
-    first[:, 2] += free @ points.over[0] / scale
-    second[:, 2] += free @ points.over[1] / scale
+    first[:, 2] += free @ points.over[0] / scale[2]
+    second[:, 2] += free @ points.over[1] / scale[2]
     slopes, depth = first.copy(), first[:, 2:]
     slopes[:, 2] = 1
     rays = R @ slopes + depth * shift
@@ -220,18 +220,24 @@ def _residuals(
     of_rays = np.zeros((len(poses), POSE + len(free), 3, rays.shape[2]))
     of_rays[:, :3] = by_turn.reshape(-1, 3, 3, 3) @ slopes[:, None]
     of_rays[:, range(3, POSE), range(3)] = depth
-    of_rays[:, POSE:] = points.over[0][:, :, None] * (shift / scale)[:, None]
+    of_rays[:, POSE:] = points.over[0][:, :, None] * (shift / scale[2])[:, None]
     # what is moved, without its division by depth: two coordinates of the ray, and the disparity
     of_moved = of_rays.copy()
-    of_moved[:, :POSE, 2], of_moved[:, POSE:, 2] = 0, points.over[0] / scale
+    of_moved[:, :POSE, 2], of_moved[:, POSE:, 2] = 0, points.over[0] / scale[2]
     if FOCAL in points.free:
         at = POSE + points.free.index(FOCAL)
         of_rays[:, at] = -R[:, :, :2] @ slopes[:, :2] - depth * shift
         of_moved[:, at] = np.concatenate([of_rays[:, at, :2], -depth], axis=1)
+    if ASPECT in points.free:
+        across = POSE + points.free.index(ASPECT)
+        of_rays[:, across] = -R[:, :, 1:2] @ slopes[:, 1:2]
+        of_moved[:, across, :2] = of_rays[:, across, :2]
     slope = (of_moved - moved[:, None] * of_rays[:, :, 2:]) * (scale / rays[:, None, 2:])
     slope[:, POSE:, 2] -= points.over[1]
     if FOCAL in points.free:
         slope[:, at] += moved * scale
+    if ASPECT in points.free:
+        slope[:, across, 1] += moved[:, 1] * scale[1]
     return np.asarray((moved - second) * scale), np.asarray(slope)
 
 

@@ -109,11 +109,17 @@ def _longer(camera: Camera, larger: float) -> Camera:
     return replace(camera, K=K)
 
 
-def _enlarged(camera: Camera, larger: float) -> Camera:
+def _enlarged(camera: Camera, larger: float, *axes: int) -> Camera:
+    """Enlarged about the middle of the image, along these axes (0: width), both where none is."""
     K, middle = camera.K.copy(), (np.array(camera.image_size) - 1) / 2
-    K[:2, :2] *= 1 + larger
-    K[:2, 2] = middle + (1 + larger) * (K[:2, 2] - middle)
+    for axis in axes or (0, 1):
+        K[axis, axis] *= 1 + larger
+        K[axis, 2] = middle[axis] + (1 + larger) * (K[axis, 2] - middle[axis])
     return replace(camera, K=K)
+
+
+def _stretched(axis: int) -> Callable[[Camera, float], Camera]:
+    return lambda camera, larger: _enlarged(camera, larger, axis)
 
 
 def _bent(camera: Camera, more: float) -> Camera:
@@ -144,6 +150,18 @@ CUT_OUT = Cause(
     _of_sides(_enlarged, "left", "right"),
     "images of both sides with a wider view, at {} +- {} of the calibrated scale",
 )
+STRETCHED = tuple(
+    Cause(
+        f"images of both sides stretched {{}} +- {{}} times in {of} (shapes, too)",
+        LARGER,
+        "give images as the camera took them (a converter, or 4:3 shown as 16:9, changes their "
+        "shape), or a calibration of these images",
+        _of_sides(_stretched(axis), "left", "right"),
+        f"images of both sides squeezed to {{}} +- {{}} times their {of} (shapes, too)",
+    )
+    for axis, of in enumerate(("width", "height"))
+)
+"""Across the baseline they leave ranges right, and lengths wrong."""
 OFF_CENTER = 0.05
 """Of the image's size: principal points of both sides so far from its center are rather those of
 larger images.
@@ -236,6 +254,7 @@ CAUSES = (
     ),
     CUT_OUT,
     CROPPED,
+    *STRETCHED,
     *(
         Cause(
             f"images of the {side} side cropped and enlarged {{}} +- {{}} times",

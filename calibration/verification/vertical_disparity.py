@@ -7,7 +7,7 @@ from calibration.rig_errors import RangeError
 from calibration.verification.explanations import NOT_TESTED, Causes
 from calibration.verification.mistake_table import GIVE_RECTIFIED, RECTIFIED
 from calibration.verification.motion_result import NO_MOTION, Motion
-from calibration.verification.table import CUT_OUT, IN_AIR, MOVED, OTHER
+from calibration.verification.table import CUT_OUT, IN_AIR, MOVED, OTHER, STRETCHED
 
 
 @dataclass(frozen=True)
@@ -183,10 +183,10 @@ class RowCheck:
 
     @property
     def cut_out(self) -> bool:
-        """True if images cut out of those that were calibrated, and enlarged to their size, explain
-        rows that do not agree.
+        """True if images cut out of those that were calibrated, and enlarged to their size or
+        stretched, explain rows that do not agree.
         """
-        return self.causes.is_(CUT_OUT) and not self._agree
+        return self.causes.is_(CUT_OUT, *STRETCHED) and not self._agree
 
     @property
     def _left(self) -> Motion:

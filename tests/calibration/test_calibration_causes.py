@@ -21,6 +21,7 @@ YAW, PITCH, ROLL = "(yaw)", "(pitch)", "a roll of a camera"
 ALONG, ACROSS = "shifted along the baseline", "shifted across the baseline"
 RIGHT, LEFT, BOTH = (f"focal length of {side}" for side in ("the right", "the left", "both"))
 CUT, SHUTTERS = "images of both sides cropped and", "rolling shutters"
+IN_HEIGHT = "times in height"
 
 
 def bent(side: str, more: float) -> StereoRig:
@@ -98,6 +99,17 @@ def test_ends_of_a_dive_outrank_what_explains_all_of_it() -> None:
         assert ("+20%" in lines) == (not found.parts)
 
 
+def test_causes_that_explain_both_ends_are_no_change_in_the_dive() -> None:
+    """In any order, and as the best of one end and a rival at the other."""
+    one, turned_around, another = (
+        Explanation("both", causes, 0.0) for causes in (CAUSES[:2], CAUSES[1::-1], CAUSES[2:4])
+    )
+    before = Causes(one, numbers=20)
+    for after in (Causes(turned_around, numbers=20), Causes(another, (one,), numbers=20)):
+        assert before.in_parts(before, after).parts is None
+    assert before.in_parts(before, Causes(another, numbers=20)).parts
+
+
 def test_a_wrong_baseline_leaves_no_trace() -> None:
     T = rig().T_right_left.copy()
     T[:3, 3] *= 1.1
@@ -172,6 +184,8 @@ def test_a_zoom_of_both_sides_in_the_dive_is_named() -> None:
         (None, turned(pitch=np.radians(2)), PITCH, r"\(pitch\) by \+2 "),
         (affine(scale=1.06), None, "images of the right side cropped", "enlarged 1.06 "),
         (both(1.4), None, CUT, r"enlarged 1\.(39|40|41) "),
+        (both(1, 1.333), None, IN_HEIGHT, r"stretched 1\.3[234] "),
+        (both(0.75, 1), None, "times their width", r"squeezed to 0\.7[456] "),
         (affine(scale=0.94), None, "images of the right side with a wider view", r"at 0\.94 "),
         (None, in_air(), "flat port", r"index 1\.3[345] "),
         (None, bent("right", 0.05), "distortion of the right lens", r"k1 by \+0\.0(49|5|51) "),
@@ -194,6 +208,8 @@ def test_a_zoom_of_both_sides_in_the_dive_is_named() -> None:
         "pitch",
         "one side cut out",
         "both cut out",
+        "stretched",
+        "squeezed",
         "one side wider",
         "air",
         "one lens",
@@ -272,6 +288,26 @@ def of_motion(range_error: float, range_std: float) -> RowCheck:
     )
     causes = Causes(Explanation("", (), 32.0), numbers=11, motion=motion)
     return RowCheck(12, 4000, 0.13, 0.0, 1.0, 0.0, 0.12, 0.0, "", motion, causes, disparity_px=80.0)
+
+
+@pytest.mark.slow
+def test_a_stretch_is_no_movement_of_a_camera_and_is_wrong() -> None:
+    """Ranges are right, and lengths across the baseline are not."""
+    found = checked(drawn_dive(both(1, 1.1), points=200))
+    assert found.causes.best and IN_HEIGHT in found.causes.best.text and not found.causes.rivals
+    assert abs(found.causes.best.range_error) < 0.02
+    assert found.ranges_are_wrong and found.cut_out and not found.has_moved
+
+
+@pytest.mark.slow
+def test_rows_alone_do_not_tell_a_stretch_from_two_movements() -> None:
+    def named(drawn: DrawnDive) -> list[str]:
+        found = find_causes(drawn.rig, drawn.matches)
+        return [one.text for one in (found.best, *found.rivals) if one]
+
+    moved, *rivals = named(drawn_dive(both(1, 1.333), points=200))
+    assert ROLL in moved and any(IN_HEIGHT in rival for rival in rivals)
+    assert not any("shapes" in one for one in named(drawn_dive(true=turned(roll=0.0005))))
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -302,6 +302,17 @@ def test_an_error_over_the_rows_is_no_offset_of_all_disparities(amount_px: float
     assert f"{amount_px:+.1f} +- " in found.line
 
 
+@pytest.mark.parametrize("times", [0.75, 1.2])
+def test_images_stretched_across_the_baseline_move_like_no_rigid_bottom(times: float) -> None:
+    stretch = np.array([1, times, 1])
+    found = motion_of(
+        [SeenTwice(couple.first * stretch, couple.second * stretch) for couple in dive()], GEOMETRY
+    )
+    assert found.aspect == pytest.approx(times - 1, abs=0.02)
+    assert found.is_found and not found.is_right and found.measured is None
+    assert f"across the baseline changes by {times - 1:+.0%}"[:-2] in found.line
+
+
 @pytest.mark.parametrize("over", ["rows", "all"])
 def test_errors_that_differ_from_pair_to_pair_have_no_one_number(over: str) -> None:
     couples = dive()

@@ -62,10 +62,10 @@ def affine(
     return move
 
 
-def both(scale: float) -> Fault:
-    """Both sides enlarged about their middle."""
-    left, right = affine(False, scale=scale), affine(True, scale=scale)
-    return lambda number, side, pixels: left(number, side, right(number, side, pixels))
+def both(across: float, down: float | None = None) -> Fault:
+    """Both sides enlarged about their middle, alike in width and height unless told otherwise."""
+    middle, scale = (np.array(SIZE) - 1) / 2, np.array([across, down or across])
+    return lambda _, __, pixels: middle + scale * (pixels - middle)
 
 
 def shutters(edge_px: float) -> Fault:
