@@ -176,9 +176,9 @@ def test_a_run_leaves_damaged_frames_out(cli, tmp_path: Path) -> None:
         "--calib",
         str(REEF / "cam.yaml"),
     )
-    code, printed, _ = cli("run", *sides, "--out", str(tmp_path / "out"))
+    code, _, said = cli("run", *sides, "--out", str(tmp_path / "out"))
     assert code == 3
-    assert f"{RIGHTS[1].stem}.jpg: is damaged" in printed
+    assert f"{RIGHTS[1].stem}.jpg: is damaged" in said
     assert len(list((tmp_path / "out/corrected").iterdir())) == 2
 
 

@@ -92,7 +92,8 @@ def near(path: Path, rgb: np.ndarray) -> bool:
 
 
 def test_one_file_a_side(tmp_path: Path) -> None:
-    lefts, rights = smooth_frames(5), smooth_frames(5, seed=1)
+    lefts = smooth_frames(5)
+    rights = [np.roll(image, 20, axis=1) for image in lefts]  # both move alike
     videos = write_video(tmp_path / "l.avi", lefts), write_video(tmp_path / "r.avi", rights)
     pairs = paired(*videos, every=2).pairs
     assert [(pair.name, pair.timestamp_s) for pair in pairs] == [

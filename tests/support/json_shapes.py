@@ -82,7 +82,8 @@ MAP = {
     **keys(int, "frames placed points"),
     **keys([str], "files warnings"),
     **keys((dict, None), "navigation markers"),
-    **{"components": [int], "unplaced": [keys(str, "name reason")], "seconds": NUMBER},
+    **{"components": [int], "unplaced": [keys(str, "name reason")]},
+    **keys(NUMBER, "seconds missing_fraction"),
 }
 RANGE_SCORE = keys(UNKNOWN, "median_relative_error bad_1_px bad_2_px coverage")
 COLOR_SCORE = keys(

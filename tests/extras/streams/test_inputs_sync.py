@@ -15,6 +15,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.extras.streams.videos import choice as choice_of_frames
 from stereo_seecolor.extras.streams.videos import synchronization
+from stereo_seecolor.extras.streams.videos.agreement import unlike
 from stereo_seecolor.extras.streams.videos.choice import choose_frames
 from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
 from stereo_seecolor.extras.streams.videos.motion import VideoSignals, video_signals
@@ -204,6 +205,16 @@ def test_frames_of_equal_number_that_do_not_move_alike_are_no_pairs(tmp_path: Pa
     chosen = choose_frames(*part, InputConfig())
     assert chosen.wrong == ("ranges",)
     assert "one file may lack frames" in chosen.notes[-1]
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_mounted_turned_moves_alike(tmp_path: Path) -> None:
+    """By a quarter or half a turn; two other dives move alike in none of them."""
+    left, right = map(video_signals, write_pair(tmp_path, 0.0, seconds=8))
+    equal = np.repeat(np.arange(len(left.times_s))[:, None], 2, axis=1)
+    for turned in (right.motion, -right.motion, right.motion[:, ::-1] * [1, -1]):
+        assert not unlike((left, replace(right, motion=turned)), equal).any()
+    assert unlike((left, replace(right, motion=right.motion[::-1])), equal).mean() > 0.9
 
 
 @pytest.mark.parametrize("lost", [1, 8])

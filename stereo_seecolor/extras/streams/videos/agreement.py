@@ -48,6 +48,9 @@ def unlike(signals: tuple[VideoSignals, VideoSignals], pairs: Pairs) -> Mask:
         smooth.append(_at(at_s, side.motion_times_s, motion))
         moves &= spread(smooth[-1]) > np.maximum(STILL**2, 4 * spread(noise) / few)
     first, second = smooth
+    across = second[:, ::-1] * [1, -1]
+    turned = (second, across, -second, -across)  # a camera may be mounted sideways, or upside down
+    second = min(turned, key=lambda other: float(spread(first - other).sum()))
     differ = spread(first - second) > UNLIKE * (spread(first) + spread(second))
     return np.asarray(maximum_filter1d(moves & differ, size))
 
