@@ -62,10 +62,12 @@ def _settle_space(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, 
     """Settle ``color.input_space`` where it is auto and the first file that is not empty states
     another than sRGB.
     """
+    if config.color.input_space != "auto":
+        return config, ()
     first = next(
         (pair.left for pair in evenly_spaced(pairs, LEFT_FRAMES) if _holds(pair.left)), None
     )
-    if config.color.input_space != "auto" or first is None:
+    if first is None:
         return config, ()
     space, unknown = stated_space(first)
     if unknown:

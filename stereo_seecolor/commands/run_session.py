@@ -18,7 +18,7 @@ from stereo_seecolor.dive.dive_run import DiveRun
 from stereo_seecolor.dive.frames import PairSource
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.inputs.pairing import NO_PARTNER, Pairing
 from stereo_seecolor.matching.pair_check import NO_OVERLAP, ROWS_OFF
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import FrameRow
@@ -186,7 +186,11 @@ def _summary(
         from stereo_seecolor.checks.neighbors import misfit_notes
 
         left, right = (
-            [file.path for file in pairing.unpaired if file.reason.startswith(f"no {other} image")]
+            [
+                file.path
+                for file in pairing.unpaired
+                if file.reason.startswith(NO_PARTNER.format(other))
+            ]
             for other in ("right", "left")
         )
         config, rectification = description.config.input, description.rectification

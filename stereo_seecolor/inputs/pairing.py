@@ -37,6 +37,8 @@ from stereo_seecolor.inputs.name_keys import (
 from stereo_seecolor.inputs.name_times import distances_s, nearest, timed, timestamp_from_name
 from stereo_seecolor.records import Numbers
 
+NO_PARTNER = "no {} image matches"
+"""How the reason of a file begins for which the other side has none."""
 SEVERAL = "several files are called"
 
 
@@ -193,7 +195,7 @@ class _Matching:
                         f"the nearest in time is {off_s:.3f} s away, "
                         f"input.timestamp_tolerance_s is {tolerance_s:g}"
                     )
-                    self.unpaired.append(Unpaired(path, f"no {side} image matches: {how_far}"))
+                    self.unpaired.append(Unpaired(path, f"{NO_PARTNER.format(side)}: {how_far}"))
         self.drop_settled()
 
     @property
@@ -310,8 +312,8 @@ def _settled(
         matching.say_how_far(config.timestamp_tolerance_s)
     pairing = _pairing(
         matching,
-        "no right image matches",
-        "no left image matches",
+        NO_PARTNER.format("right"),
+        NO_PARTNER.format("left"),
         in_order=by_number,
         tolerance_s=inf if notes else config.timestamp_tolerance_s,
     )

@@ -27,6 +27,7 @@ from stereo_seecolor.mapping.map_records import comment, write_description, writ
 from stereo_seecolor.mapping.navigation.comparison import Navigation
 from stereo_seecolor.mapping.placing import PlacedSurvey, place_survey
 from stereo_seecolor.mapping.raster import georeference
+from stereo_seecolor.mapping.raster.gaps import MISSING_FRACTION
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.sizes import with_mosaic_cell, with_voxel
@@ -47,12 +48,6 @@ WITHOUT_GEO = (
     "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install "
     "'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
 )
-
-
-MISSING_FRACTION = 0.25
-"""Of the measured ground: more that has no height is a problem. Voxels that fit the ranges leave at
-most 0.04.
-"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 
 from stereo_seecolor.color.white_point import DOUBT
+from stereo_seecolor.mapping.raster.gaps import MISSING_FRACTION
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.facts import DiveFacts, RowFacts
 from stereo_seecolor.report.texts import phrase
@@ -20,7 +21,6 @@ class VerdictLimits:
     coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
     unrecoverable_fraction: float = 0.1  # more of a frame without one of its colors is seen by eye
     placed_fraction: float = 0.95  # a frame in twenty may point into the blue
-    missing_fraction: float = 0.25  # of the measured ground; of a usual map a twentieth at most
     length_std: float = 0.01  # relative: areas are then uncertain by 2 %, volumes by 3 %
 
 
@@ -117,6 +117,6 @@ def _of_map(facts: DiveFacts) -> list[str]:
         reasons.append(phrase("verdict.placed", placed=placed, frames=frames))
     if facts.map.pieces:
         reasons.append(phrase("verdict.pieces", pieces=facts.map.pieces + 1))
-    if (missing := facts.map.missing_fraction) > LIMITS.missing_fraction:
+    if (missing := facts.map.missing_fraction) > MISSING_FRACTION:
         reasons.append(phrase("verdict.missing", percent=f"{missing:.0%}"))
     return reasons

@@ -31,6 +31,10 @@ class Reason(IntEnum):
     """An image measured something there, and another looks through: it moved, or is wrong."""
 
 
+MISSING_FRACTION = 0.25
+"""Of the measured ground: more that has no height is a problem of a map. Voxels that fit the ranges
+leave at most 0.04.
+"""
 WIDEST_M = 1.0
 """From a gap's cell to known ones on three of four sides: what is wider was not surveyed."""
 SIDES = 3
