@@ -60,7 +60,7 @@ export class MapMeasuring {
     private readonly view: View,
   ) {
     const terrain = about.terrain as NonNullable<About["terrain"]>;
-    this.ground = new Ground(new Heights(terrain, about.offset_m), terrain.std_m);
+    this.ground = new Ground(new Heights(terrain, about.offset_m), terrain.std_m, terrain.correlation_m);
     const kinds = (["look", "point", "length", "area"] as const).map((kind): [string, string] => [kind, text(`measure.${kind}`)]);
     const choice = new Choice(text("measure.click"), kinds, (kind) => this.choose(kind as Kind | "look"));
     choice.show(this.kind);
@@ -193,7 +193,7 @@ export class MapMeasuring {
     const [straight, surface, known] = this.values(spots, kind);
     const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
     const points = placed.map((each) => each.point_m);
-    const volume = kind === "area" && surface ? volumeAbove(this.ground, spots, this.about.terrain?.correlation_m ?? 0) : null;
+    const volume = kind === "area" && surface ? volumeAbove(this.ground, spots) : null;
     const inLiters = kind === "area" ? { volume_l: volume?.value ?? null, volume_std_l: volume && totalStd(volume, this.dive.calibration_std) } : {};
     return { frame: "", map: this.about.id, kind, label: "", places: [], points, clicks_m: placed.map((each) => each.click_m), known, ...both, ...inLiters };
   }

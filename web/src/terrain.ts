@@ -9,7 +9,7 @@ const LAYER_CELLS = 2;
 const LAYER_STDS = 6;
 const STEP_CELLS = 2;
 const STEP_STDS = 6;
-const [OF_SLOPES, OF_SQUARES] = [0.15, 0.05];
+const [OF_SLOPES, OF_SQUARES, OF_NOISE] = [0.15, 0.05, 0.25];
 const SMOOTHED = 0.1;
 const STEEPEST = 0.5;
 const [ROUGH_CELLS, ROUGH_OVER_CELLS] = [2, 4];
@@ -28,6 +28,7 @@ export class Ground {
   constructor(
     readonly heights: Heights,
     readonly std_m: number,
+    readonly correlation_m: number,
   ) {}
 
   private get cell_m(): number {
@@ -135,7 +136,9 @@ export class Ground {
     const known = Math.min(1, steepness.length / Math.max(polygonArea(outline), 1));
     const value = mean(steepness) * level_m2;
     const bySlopes = OF_SLOPES * mean(stds.map((each, i) => each * Math.sqrt(1 - 1 / steepness[i] ** 2)));
-    const byHeights = Math.hypot(bySlopes, OF_SQUARES * mean(stds) ** 2) / mean(steepness);
+    const finer = Math.sqrt(Math.max(1, this.correlation_m / this.cell_m));
+    const noise = this.std_m ** 2 / ((2 * this.cell_m) ** 2 + this.correlation_m ** 2);
+    const byHeights = Math.hypot(finer * bySlopes, OF_SQUARES * mean(stds) ** 2, OF_NOISE * noise) / mean(steepness);
     return [{ value, std: value * Math.hypot(planar.std / planar.value, byHeights, unseenStd(steepness, known)), power: 2 }, known];
   }
 

@@ -16,7 +16,7 @@ interface Cell {
 }
 
 /** Liters above the plane through the ground around; null where too little of that is known, or where the volume is not positive. */
-export function volumeAbove(ground: Ground, spots: Spot[], correlation_m: number): Measured | null {
+export function volumeAbove(ground: Ground, spots: Spot[]): Measured | null {
   const { heights } = ground;
   const cell_m = heights.place.pixel_m;
   const outline = spots.map((spot) => heights.cell(spot.point_m[0], spot.point_m[1]));
@@ -52,7 +52,7 @@ export function volumeAbove(ground: Ground, spots: Spot[], correlation_m: number
   const middle = mean(known.map(above));
   const scatter_m = Math.sqrt(mean(known.map((each) => (above(each) - middle) ** 2)));
   const stds = [
-    ground.std_m * gain(known, rim, each_l, correlation_m / cell_m),
+    ground.std_m * gain(known, rim, each_l, ground.correlation_m / cell_m),
     1000 * BENEATH * Math.sqrt(Math.max(alikeAround(rim, above), 0)) * own.length * cell_m ** 2,
     1000 * scatter_m * (own.length - known.length) * cell_m ** 2,
     (value * openSides(own, isOwn, ground)) / Math.sqrt(3),

@@ -90,11 +90,12 @@ def measure_outlines(
         return np.array([height_above(own, inside) for own, inside in parts])
 
     grid = terrain.grid
-    ground = Ground(terrain.height_m.astype(np.float32), grid, height_std_m)
+    correlation_m = errors.correlation_m if alike_m is None else alike_m
+    heights = terrain.height_m.astype(np.float32)
+    ground = Ground(heights, grid, height_std_m, correlation_m=correlation_m)
     mesh_m2 = mesh.area_over(grid)
     sides = sides_seen(terrain.height_m, mesh_m2, grid.cell_m, ground.gap_m)
     ground = replace(ground, sides=sides)
-    correlation_m = errors.correlation_m if alike_m is None else alike_m
     heights_m, height_stds_m = _peaks(by_terrain, terrain, errors)
     colonies: list[Colony | None] = [None] * len(outlines)
     for i, height_m, height_std in zip(seen, heights_m, height_stds_m, strict=True):
@@ -102,7 +103,7 @@ def measure_outlines(
         fraction = float(known.sum() / _cells_of(outlines[i], masks[i], grid))
         areas, area_stds, relative = _areas(outlines[i], ground, masks[i], fraction, click_m)
         of_mesh_m2 = float(mesh_m2[masks[i]].sum()) / fraction
-        volume = _volume(ground, masks[i], windows[i], correlation_m)
+        volume = _volume(ground, masks[i], windows[i])
         measured = ColonySize(
             *areas, of_mesh_m2, float(height_m), volume.value, areas[2] / areas[0]
         )
@@ -197,13 +198,11 @@ def height_above(heights: Array, inside: Mask) -> float:
     return float(np.nanmax(above)) if np.isfinite(above).any() else float("nan")
 
 
-def _volume(
-    ground: Ground, mask: Mask, window: tuple[slice, slice], correlation_m: float
-) -> Measured:
+def _volume(ground: Ground, mask: Mask, window: tuple[slice, slice]) -> Measured:
     """Of the cells of an outline, as the page states it; NaN where it has none."""
     margin = RIM_CELLS + 1
     corner = window[1].start - margin, window[0].start - margin
-    found = volume_of(ground, np.pad(mask[window], margin), corner, correlation_m)
+    found = volume_of(ground, np.pad(mask[window], margin), corner)
     return found or Measured(float("nan"), float("nan"), 3)
 
 

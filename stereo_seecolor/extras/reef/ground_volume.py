@@ -25,23 +25,19 @@ ALIKE_REACH = 3.0
 """Correlation lengths beyond which errors of heights are independent: exp(-4.5) is 1 %."""
 
 
-def volume_above(ground: Ground, spots: Sequence[Spot], correlation_m: float) -> Measured | None:
+def volume_above(ground: Ground, spots: Sequence[Spot]) -> Measured | None:
     """The volume in liters, of power 3; None where too little of the ground around was seen, or
     where it is not positive, as of something hollow below.
-
-    correlation_m: distance over which errors of heights are alike.
     """
     outline = ground.grid.pixels(np.array([spot.point_m for spot in spots]))
     corner = np.floor(outline.min(axis=0)).astype(int) - RIM_CELLS - 1
     width, height = np.ceil(outline.max(axis=0)).astype(int) + RIM_CELLS + 2 - corner
     left, top = corner.tolist()
     own = cells_inside([outline], left, top, (height, width))
-    return volume_of(ground, own, (left, top), correlation_m)
+    return volume_of(ground, own, (left, top))
 
 
-def volume_of(
-    ground: Ground, own: Mask, corner: tuple[int, int], correlation_m: float
-) -> Measured | None:
+def volume_of(ground: Ground, own: Mask, corner: tuple[int, int]) -> Measured | None:
     """The volume over cells (H, W), as ``volume_above`` states it. own: with at least RIM_CELLS + 1
     others around. corner: column and row of the first.
 
@@ -60,7 +56,7 @@ def volume_of(
     above = (heights - rim_plane(heights, rim))[known]
     open_sides = _open_sides(heights, own, ground.sides_in(*window), ground.gap_m)
     stds = (
-        ground.std_m * _gain_l(own, known, rim, ground.grid.cell_m, correlation_m),
+        ground.std_m * _gain_l(own, known, rim, ground.grid.cell_m, ground.correlation_m),
         ground_std_l(heights, own, ground.grid.cell_m),
         1000 * float(above.std()) * float((own & ~known).sum()) * ground.grid.cell_m**2,
         volume_l * open_sides / np.sqrt(3),  # even from empty to full

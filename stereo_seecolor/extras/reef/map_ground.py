@@ -35,6 +35,8 @@ class TerrainLimits:
     # does, which counts by its sine, and squared; as benchmarks/standard_errors.py finds them
     of_slopes: float = 0.15
     of_squares: float = 0.05
+    # the part of what errors of ranges in one frame, which roughen the ground, would add to it
+    of_noise: float = 0.25
     # of what a line along the ground is longer than straight lines, so much is smoothed away
     smoothed: float = 0.1
     # level area of an outline over its own: beyond 60 degrees a view from above shows too little of
@@ -62,6 +64,7 @@ class Ground:
     """A terrain model. heights_m: (H, W), NaN where unknown. std_m: of a height. sides: (H, W)
     whether the sides of what stands at a cell were seen (``sides_seen``); None where that is not
     known. base_m: the height of their zero in the map's world, of a map deep in the sea.
+    correlation_m: distance over which errors of heights are alike.
     """
 
     heights_m: Map
@@ -69,6 +72,7 @@ class Ground:
     std_m: float
     sides: NDArray[np.bool_] | None = None
     base_m: float = 0.0
+    correlation_m: float = 0.0
 
     @property
     def gap_m(self) -> float:
@@ -208,14 +212,22 @@ class Ground:
 
     def steepness_std(self, steepness: Array, stds_m: Array, known: float) -> float:
         """Relative standard error of the mean of ``steepness``, by the standard errors of the
-        heights and by what is not known.
+        heights, by the roughness that errors of ranges add, and by what is not known.
+
+        Cells finer than ``correlation_m`` show little of what matching smooths away between them.
         """
         stds_cells, sine = stds_m / self.grid.cell_m, np.sqrt(1 - 1 / steepness**2)
-        by_heights = np.hypot(
-            TERRAIN.of_slopes * (stds_cells * sine).mean(),
-            TERRAIN.of_squares * stds_cells.mean() ** 2,
+        finer = np.sqrt(max(1.0, self.correlation_m / self.grid.cell_m))
+        noise = self.std_m**2 / ((2 * self.grid.cell_m) ** 2 + self.correlation_m**2)
+        by_heights = np.array(
+            [
+                TERRAIN.of_slopes * finer * (stds_cells * sine).mean(),
+                TERRAIN.of_squares * stds_cells.mean() ** 2,
+                TERRAIN.of_noise * noise,
+            ]
         )
-        return float(np.hypot(by_heights / steepness.mean(), unseen_std(steepness, known)))
+        unseen = unseen_std(steepness, known)
+        return float(np.linalg.norm([*by_heights / steepness.mean(), unseen]))
 
     def known_area(
         self, places: Sequence[tuple[float, float]], click_m: float

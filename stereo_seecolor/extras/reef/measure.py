@@ -112,14 +112,12 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     wanted = read_wanted(points)
     surfaces: dict[str, FrameSurface] = {}
     ground = ground_of(run) if any(not each.frame for each in wanted) else None
-    correlation_m = 0.0
     if ground is not None and any(not each.frame and each.kind == "area" for each in wanted):
-        posed = open_posed_run(out)
-        correlation_m, ground = posed.correlation_m, with_sides(ground, read_mesh(out), posed)
+        ground = with_sides(ground, read_mesh(out), open_posed_run(out))
     results, calibration = [], calibration_std(run).total
     for each in wanted:
         if not each.frame and ground is not None:
-            results.append(measured_on_map(ground, each, calibration, correlation_m))
+            results.append(measured_on_map(ground, each, calibration))
             continue
         if each.frame not in surfaces:
             # tables are sorted by frame: one is kept
@@ -159,17 +157,18 @@ def ground_of(run: FinishedRun) -> Ground:
 
 
 def with_sides(ground: Ground, mesh: SiteMesh, posed: PosedRun) -> Ground:
-    """The ground of a map in its world, with the sides that its mesh holds."""
+    """The ground of a map in its world, with the sides that its mesh holds, and with the distance
+    over which its frames make errors alike.
+    """
     heights = ground.heights_m.astype(np.float64)
     mesh_m2 = mesh.area_over(ground.grid.moved(-posed.offset_m))
-    return replace(ground, sides=sides_seen(heights, mesh_m2, ground.grid.cell_m, ground.gap_m))
+    sides = sides_seen(heights, mesh_m2, ground.grid.cell_m, ground.gap_m)
+    return replace(ground, sides=sides, correlation_m=float(np.nan_to_num(posed.correlation_m)))
 
 
-def measured_on_map(
-    ground: Ground, wanted: Wanted, calibration: float, correlation_m: float
-) -> Measurement:
+def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
     """Measure one thing on the map. calibration: relative standard error of a length by the
-    calibration. correlation_m: distance over which errors of heights are alike.
+    calibration.
     """
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
     spots: list[Spot] = []
@@ -193,7 +192,7 @@ def measured_on_map(
     on_ground, known = _on_ground(ground, wanted.kind, spots)
     if on_ground is None:
         return replace(measurement, note=NOT_ON_GROUND)
-    volume = volume_above(ground, spots, correlation_m) if wanted.kind == "area" else None
+    volume = volume_above(ground, spots) if wanted.kind == "area" else None
     return replace(
         measurement,
         volume_l=volume.value if volume else None,

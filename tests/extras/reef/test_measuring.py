@@ -235,6 +235,29 @@ def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
     ] == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.parametrize("alike_cells", [1.0, 2.0, 4.0])
+def test_an_area_of_the_map_carries_the_roughness_that_errors_of_ranges_add(
+    alike_cells: float,
+) -> None:
+    """Flat ground of four frames, in cells finer than their errors differ."""
+    std_m = 0.005 * alike_cells
+    heights = np.zeros((120, 160))
+    rng, kernel = np.random.default_rng(2), (0, 0)
+    noise = cv2.GaussianBlur(rng.standard_normal(heights.shape), kernel, alike_cells / np.sqrt(2))
+    terrain = replace(
+        ground(heights + std_m / 2 * noise / noise.std(), std_m), correlation_m=0.01 * alike_cells
+    )
+    z = []
+    for west_m in (5.1, 5.5, 5.9, 6.3):
+        for north_m in (2.9, 2.5, 2.1):
+            east_m, south_m = west_m + 0.25, north_m - 0.25
+            corners = ((west_m, north_m), (east_m, north_m), (east_m, south_m), (west_m, south_m))
+            found = terrain.area(spots(terrain, *corners))
+            assert found
+            z.append((found[0].value - 0.25**2) / found[0].std)
+    assert np.mean(np.abs(z) < 2) > 0.9
+
+
 def test_a_height_beside_a_hole_carries_a_part_of_the_step_that_it_hides() -> None:
     """A block of 0.3 m, whose foot on one side no frame saw."""
     heights = np.zeros((80, 80))
@@ -331,7 +354,7 @@ def bump_on_a_slope() -> tuple[Ground, list[Spot]]:
     y, x = (np.mgrid[:60, :60] + 0.5) * 0.01
     far = np.hypot(x - 0.3, y - 0.3)
     bump = BUMP_HEIGHT_M * np.maximum(1 - (far / BUMP_M) ** 2, 0)
-    terrain = ground(0.3 * x - 0.1 * y + bump, STD_M)
+    terrain = replace(ground(0.3 * x - 0.1 * y + bump, STD_M), correlation_m=ALIKE_M)
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     corners = np.column_stack([5.3 + 0.17 * np.cos(turn), 2.7 + 0.17 * np.sin(turn)])
     return terrain, [
@@ -342,13 +365,13 @@ def bump_on_a_slope() -> tuple[Ground, list[Spot]]:
 @pytest.mark.slow
 def test_a_volume_is_that_of_a_paraboloid_and_its_error_that_of_heights() -> None:
     ground, spots = bump_on_a_slope()
-    volume = volume_above(ground, spots, ALIKE_M)
+    volume = volume_above(ground, spots)
     assert volume is not None and volume.power == 3
     assert volume.value == pytest.approx(500 * np.pi * BUMP_M**2 * BUMP_HEIGHT_M, rel=0.02)
 
     def measured(heights_m: np.ndarray) -> np.ndarray:
         moved = replace(ground, heights_m=heights_m.astype(np.float32))
-        found = volume_above(moved, spots, ALIKE_M)
+        found = volume_above(moved, spots)
         assert found is not None
         return np.array([found.value])
 
@@ -361,13 +384,13 @@ def test_a_volume_is_that_of_a_paraboloid_and_its_error_that_of_heights() -> Non
 
 def test_a_hollow_has_no_volume_and_steps_make_one_uncertain() -> None:
     ground, spots = bump_on_a_slope()
-    assert volume_above(replace(ground, heights_m=-ground.heights_m), spots, ALIKE_M) is None
+    assert volume_above(replace(ground, heights_m=-ground.heights_m), spots) is None
     table = ground.heights_m.copy()
     table[15:45, 15:45] += 0.2
     corners = [(5.15, 2.85), (5.45, 2.85), (5.45, 2.55), (5.15, 2.55)]
     ground = replace(ground, heights_m=table)
     spots = [spot for corner in corners if (spot := ground.pick(*corner, None, 0.0))]
-    volume = volume_above(ground, spots, ALIKE_M)
+    volume = volume_above(ground, spots)
     assert volume is not None
     assert volume.std == pytest.approx(volume.value / np.sqrt(3), rel=0.1)
 

@@ -41,7 +41,7 @@ const given = JSON.parse(readFileSync(0, "utf8"));
 const known = (values) => Float32Array.from(values, (each) => (each === null ? NaN : each));
 const ranges = { ...given.ranges, range_m: known(given.ranges.range_m), std_m: known(given.ranges.std_m) };
 const at = ([x, y]) => pick(ranges, given.pair, x, y);
-const { rows, columns, cell_m, heights, sides, std_m } = given.ground;
+const { rows, columns, cell_m, heights, sides, std_m, correlation_m } = given.ground;
 const place = {
   place: { pixel_m: cell_m },
   cell: (x, y) => [x / cell_m - 0.5, (rows * cell_m - y) / cell_m - 0.5],
@@ -49,7 +49,7 @@ const place = {
   at: (c, r) => (c < 0 || r < 0 || c >= columns || r >= rows ? NaN : heights[r * columns + c] ?? NaN),
   side: (c, r) => sides[r * columns + c],
 };
-const ground = new Ground(place, std_m);
+const ground = new Ground(place, std_m, correlation_m);
 const spots = given.corners.map(([x, y]) => ground.pick(x, y, null, 0.002));
 console.log(JSON.stringify({
   frame: surfaceArea(ranges, given.pair, given.places.map(at)),
@@ -59,7 +59,7 @@ console.log(JSON.stringify({
   length: lengthAlong(alongSurface(ranges, given.pair, [given.long[0], given.long[1]].map(at)), offInFrame),
   map: ground.area(spots),
   map_length: ground.length(spots.slice(0, 2)),
-  volumes: given.outlines.map((each) => volumeAbove(ground, each.map(([x, y]) => ground.pick(x, y, null, 0.002)), given.correlation_m)),
+  volumes: given.outlines.map((each) => volumeAbove(ground, each.map(([x, y]) => ground.pick(x, y, null, 0.002)))),
 }));
 """  # noqa: E501
 
@@ -81,7 +81,7 @@ def reef() -> Ground:
     ) * np.cos(30 * y)
     heights[30:38, 5:20] = np.nan
     sides = x > 0.5  # were seen on one half
-    return Ground(heights, Grid(0.0, 1.0, 0.02, (50, 50)), 0.004, sides)
+    return Ground(heights, Grid(0.0, 1.0, 0.02, (50, 50)), 0.004, sides, 0.0, CORRELATION_M)
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +114,7 @@ def page(web: Path) -> dict:
         "heights": ground.heights_m.ravel().tolist(),
         "sides": np.asarray(ground.sides).ravel().tolist(),
         "std_m": ground.std_m,
+        "correlation_m": ground.correlation_m,
     }
     given = {
         "ranges": ranges,
@@ -124,7 +125,7 @@ def page(web: Path) -> dict:
         "beside": BESIDE,
         "long": LONG,
     }
-    given |= {"corners": CORNERS, "outlines": OUTLINES, "correlation_m": CORRELATION_M}
+    given |= {"corners": CORNERS, "outlines": OUTLINES}
     text = json.dumps(given).replace("NaN", "null")
     run = subprocess.run(
         ["node", "--input-type=module", "-e", built],
@@ -184,10 +185,10 @@ def test_a_volume_on_the_map_is_the_same(page: dict) -> None:
     ground, found = reef(), []
     for outline in OUTLINES:
         spots = [spot for corner in outline if (spot := ground.pick(*corner, None, 0.002))]
-        found.append(volume_above(ground, spots, CORRELATION_M))
+        found.append(volume_above(ground, spots))
     assert found[0] is not None and found[1] is not None
     unseen = [spot for corner in OUTLINES[0] if (spot := ground.pick(*corner, None, 0.002))]
-    without = volume_above(replace(ground, sides=None), unseen, CORRELATION_M)
+    without = volume_above(replace(ground, sides=None), unseen)
     assert without is not None and without.std > 1.2 * found[0].std
     for volume, shown in zip(found, page["volumes"], strict=True):
         assert shown == (

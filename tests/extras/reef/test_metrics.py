@@ -242,10 +242,10 @@ def test_a_volume_and_its_error_are_those_of_the_page(shape: str) -> None:
     grid = terrain.grid
     bare = Ground(terrain.height_m.astype(np.float32), grid, 0.002)
     sides = sides_seen(terrain.height_m, mesh.area_over(grid), grid.cell_m, bare.gap_m)
-    ground = replace(bare, sides=sides)
+    ground = replace(bare, sides=sides, correlation_m=0.02)
     corners = outline.rings[0].tolist()
     spots = [spot for x, y in corners if (spot := ground.pick(x, y, None, 0.003))]
-    volume = volume_above(ground, spots, 0.02)
+    volume = volume_above(ground, spots)
     assert colony is not None and volume is not None
     assert colony.measured.volume_l == pytest.approx(volume.value, rel=1e-9)
     assert colony.standard_error.volume_l == pytest.approx(volume.total_std(0.005), rel=1e-9)
@@ -259,7 +259,8 @@ def test_areas_of_an_outline_have_the_errors_of_its_corners_and_of_the_calibrati
     (colony,) = measure_outlines([square], mesh, terrain, errors, 0.002, 0.003, 0.005)
     assert colony
     grid = terrain.grid
-    ground = Ground(terrain.height_m.astype(np.float32), grid, 0.002)
+    alike_m = errors.correlation_m
+    ground = Ground(terrain.height_m.astype(np.float32), grid, 0.002, correlation_m=alike_m)
     spots = [spot for x, y in square.rings[0] if (spot := ground.pick(x, y, None, 0.003))]
     flat, on_ground = planar_area(spots), ground.area(spots)
     assert on_ground is not None
@@ -302,7 +303,7 @@ def test_an_area_of_the_map_without_a_surface_says_why() -> None:
     ground = Ground(np.zeros((60, 60), np.float32), Grid(0.0, 0.6, CELL_M, (60, 60)), 0.002)
     corners = ((0.301, 0.301), (0.303, 0.301), (0.302, 0.303))  # between the centers of cells
     wanted = Wanted("a", "", "area", "", (), tuple((x, y, np.nan, 0.0) for x, y in corners))
-    found = measured_on_map(ground, wanted, 0.0, 0.01)
+    found = measured_on_map(ground, wanted, 0.0)
     assert found.value and found.surface is None and "smaller than a cell" in found.note
 
 
