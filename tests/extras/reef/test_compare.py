@@ -559,6 +559,27 @@ def test_ground_beside_a_hole_at_the_foot_of_a_step_is_known_less_surely() -> No
     assert np.nanmedian(found.std_m[:20]) == pytest.approx(2**0.5 * std_m, rel=0.1)
 
 
+def test_ground_that_one_survey_saw_in_more_frames_has_errors_of_its_own() -> None:
+    """Where both have the same frames, both maps are off alike."""
+    rng, shape, std_m = np.random.default_rng(3), (100, 100), 0.004
+    more = np.zeros(shape, bool)
+    more[:, 60:] = True
+    after_m = rng.normal(0, np.where(more, std_m, 0.2 * std_m))
+    grid, colors = Grid(0.0, 1.0, 0.01, shape), np.zeros((*shape, 3), "f4")
+    terrains = [Terrain(grid, each, colors) for each in (np.zeros(shape), after_m)]
+    stated = np.full(shape, std_m)
+    errors = [
+        TerrainErrors(stated, stated, np.where(more, views, 3).astype(np.int32), 0.01)
+        for views in (3, 6)
+    ]
+    exact = SimpleNamespace(std_m=lambda points, slopes: np.zeros(shape))
+    found = difference(*terrains, *errors, exact)  # type: ignore[arg-type]
+    again = relearned(found, np.zeros(shape, bool))
+    for each in (found, again):
+        beyond = np.abs(each.dz_m) > each.lod_m
+        assert 0.03 < beyond[more].mean() < 0.07 and beyond[~more].mean() < 0.07
+
+
 def test_errors_are_read_off_all_ground_but_what_changed() -> None:
     """Ground with large errors here and there is left out while patches are looked for, and comes
     back.

@@ -3,8 +3,9 @@
 The errors of both terrains, also beside their holes, and of the registration add up. What they do
 not know, such as voxels that fall differently on rough ground, is read off ground that did not
 change: the spread of differences there, against what the errors say, as a function of what they say
-(Hugonnet et al. 2022, IEEE JSTARS 15; the same for slopes). The level of detection is then 1.96
-standard errors.
+(Hugonnet et al. 2022, IEEE JSTARS 15; the same for slopes), and of how many more frames one survey
+has there: maps of the same frames, or of frames that lie alike, are off alike. The level of
+detection is then 1.96 standard errors.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.robust_statistics import deviation_about_zero
 from stereo_seecolor.extras.reef.comparing.registration import Registration
@@ -56,7 +58,8 @@ class Difference:
     significance, wide_significance: (H, W) means over a window, and a wide one, in spreads of such
     means on stable ground, 0 where unknown. sharing: (K, 2) cells of a square, and how many of its
     cells share one error: ranges, tracks and registrations are off together over much more than a
-    cell.
+    cell. more_frames: (H, W) 0 where both surveys saw the ground in as many frames, 1 where one saw
+    it in more, 2 where in twice as many or more; None where that is not known.
     """
 
     dz_m: Array
@@ -67,6 +70,7 @@ class Difference:
     significance: Array
     wide_significance: Array
     sharing: Array
+    more_frames: NDArray[np.int64] | None = None
 
     @property
     def lod_m(self) -> Array:
@@ -98,13 +102,22 @@ def difference(
     stated = np.sqrt(a_errors.std_m**2 + b_errors.std_m**2 + shared**2 + sideways**2 + holes**2)
     known = np.isfinite(dz) & np.isfinite(stated)
     dz, stable, factor = np.where(known, dz, np.nan), known, np.ones_like(dz)
+    views = a_errors.views, b_errors.views
+    most, least = np.maximum(*views), np.minimum(*views)
+    more = np.where(most >= 2 * least, 2, 1) * (most > least)
     for _ in range(SETTINGS.rounds):
-        factor = spread_by(np.abs(dz) / stated, stated, stable)
-        stable = known & ~_changed(dz, stated * factor, stable)
+        factor = spread_by(np.abs(dz) / stated, stated, stable, more)
+        stable = known & ~_changed(dz, stated * factor, stable, more)
     std = np.where(known, stated * factor, np.nan)
     inflation = float(np.median(factor[known])) if known.any() else float("nan")
     return Difference(
-        dz, std, stable, inflation, np.where(known, shared, np.nan), *in_spreads(dz, std, stable)
+        dz,
+        std,
+        stable,
+        inflation,
+        np.where(known, shared, np.nan),
+        *in_spreads(dz, std, stable, more),
+        more,
     )
 
 
@@ -120,7 +133,8 @@ def relearned(difference: Difference, changed: Mask) -> Difference:
         return difference
     std = difference.std_m
     for _ in range(SETTINGS.rounds):  # between the bins' middles a first round only comes near
-        std = std * spread_by(np.abs(difference.dz_m) / std, std, stable)
+        size = np.abs(difference.dz_m) / std
+        std = std * spread_by(size, std, stable, difference.more_frames)
     inflation = difference.inflation * float(np.median((std / difference.std_m)[known]))
     return Difference(
         difference.dz_m,
@@ -128,7 +142,8 @@ def relearned(difference: Difference, changed: Mask) -> Difference:
         stable,
         inflation,
         difference.shared_std_m,
-        *in_spreads(difference.dz_m, std, stable),
+        *in_spreads(difference.dz_m, std, stable, difference.more_frames),
+        difference.more_frames,
     )
 
 
@@ -137,12 +152,23 @@ def _steepness(terrain: Terrain) -> Array:
     return np.asarray(np.hypot(east, north))
 
 
-def spread_by(size: Array, std: Array, stable: Mask) -> Array:
+def spread_by(
+    size: Array, std: Array, stable: Mask, more_frames: NDArray[np.int64] | None = None
+) -> Array:
     """Estimate the spread of what should be of unit spread, as a function of std: (H, W), such that
-    95 % of stable ground lie within 1.96.
-
-    size: (H, W) absolute values. A value for each bin of std, interpolated between.
+    95 % of stable ground lie within 1.96, and as many of each kind of ``more_frames`` that holds
+    enough of it. size: (H, W) absolute values.
     """
+    spread = _spread_by_std(size, std, stable)
+    if more_frames is not None:
+        for own in (more_frames == times for times in range(3)):
+            if (stable & own).sum() >= SETTINGS.fewest:
+                spread[own] = np.maximum(spread, _spread_by_std(size, std, stable & own))[own]
+    return spread
+
+
+def _spread_by_std(size: Array, std: Array, stable: Mask) -> Array:
+    """A value for each bin of std, interpolated between."""
     used = stable & np.isfinite(std) & np.isfinite(size)
     bins = int(min(SETTINGS.bins, used.sum() // SETTINGS.fewest))
     if bins < 1:
@@ -156,20 +182,24 @@ def spread_by(size: Array, std: Array, stable: Mask) -> Array:
     return np.asarray(np.interp(np.nan_to_num(std), centers, factors))
 
 
-def in_spreads(dz: Array, std: Array, stable: Mask) -> tuple[Array, Array, Array]:
+def in_spreads(
+    dz: Array, std: Array, stable: Mask, more_frames: NDArray[np.int64] | None = None
+) -> tuple[Array, Array, Array]:
     """Compute means of differences over both windows, in units of the spread of such means on
     stable ground: (H, W) each; and the sharing of errors (K, 2).
     """
     narrow, wide = (
-        _significance(dz, std, stable, cells)
+        _significance(dz, std, stable, cells, more_frames)
         for cells in (SETTINGS.window_cells, SETTINGS.wide_cells)
     )
     return narrow, wide, _sharing(dz, std, stable)
 
 
-def _significance(dz: Array, std: Array, stable: Mask, cells: int) -> Array:
+def _significance(
+    dz: Array, std: Array, stable: Mask, cells: int, more_frames: NDArray[np.int64] | None
+) -> Array:
     z = window_mean(dz, std, cells)
-    return np.nan_to_num(z / spread_by(np.abs(z), std, stable))
+    return np.nan_to_num(z / spread_by(np.abs(z), std, stable, more_frames))
 
 
 def _sharing(dz: Array, std: Array, stable: Mask) -> Array:
@@ -189,9 +219,9 @@ def _sharing(dz: Array, std: Array, stable: Mask) -> Array:
     return np.array(found)
 
 
-def _changed(dz: Array, std: Array, stable: Mask) -> Mask:
+def _changed(dz: Array, std: Array, stable: Mask, more_frames: NDArray[np.int64]) -> Mask:
     """Where a window's mean is further off than on stable ground; and around that."""
-    z = _significance(dz, std, stable, SETTINGS.window_cells)
+    z = _significance(dz, std, stable, SETTINGS.window_cells, more_frames)
     return _around(np.abs(z) > SETTINGS.change_sigmas)
 
 
