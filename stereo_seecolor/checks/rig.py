@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, tee
 
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches
@@ -73,8 +73,9 @@ def check_rig(pipeline: Pipeline, pairs: Sequence[Pair], change: DiveChange) -> 
             pair, first = looks[0]
             limits = range_limits(first.range_m, pipeline.config.matching)
             said = (*(f"range: in pair {pair.name}, {limit.note}" for limit in limits), *said)
-            if not find_causes(pipeline.rig, [look.matches for _, look in looks]).is_wrong:
-                return _motion_check(pipeline, pairs).after(DiveVerdict(said))
+            matches = [look.matches for _, look in looks]
+            if not find_causes(pipeline.rig, matches).is_wrong:
+                return _motion_check(pipeline, pairs, matches).after(DiveVerdict(said))
     return _full_check(pipeline, pairs, change).after(DiveVerdict(said))
 
 
@@ -90,18 +91,24 @@ def check_processed(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
     return replace(found, wrong=found.wrong | RANGES) if change.odd else found
 
 
-def _motion_check(pipeline: Pipeline, pairs: Sequence[Pair]) -> DiveVerdict:
-    """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also
-    that it shows nothing.
+def _motion_check(
+    pipeline: Pipeline, pairs: Sequence[Pair], matches: Sequence[Matches]
+) -> DiveVerdict:
+    """What the motion shows, or it and rows do together where it leaves ranges open, and rows do
+    not; of a refined rig, which rows were made to fit, also that it shows nothing.
     """
     starts = list(neighbors(pairs, pipeline.config.input))
     from_ends = [*starts[::2], *starts[1::2]]  # first, middle and last, then what lies between
     enough, rectification = LIMITS.least_couples, pipeline.rectification
-    couples = chain.from_iterable(
-        _couples(rectification, some) for some in (from_ends[:enough], from_ends[enough:])
+    couples, again = tee(
+        chain.from_iterable(
+            _couples(rectification, some) for some in (from_ends[:enough], from_ends[enough:])
+        )
     )
     motion = find_motion(couples, rectification.matching_pair)
-    if motion.is_found:
+    if motion.is_found or (
+        not motion.is_right and find_causes(pipeline.rig, matches, list(again)).is_wrong
+    ):
         return _full_check(pipeline, pairs, DiveChange())
     unseen = motion.is_misfit or (pipeline.config.input.refine and not motion.is_known)
     notes = (f"calibration: {motion.line}",) if unseen else ()

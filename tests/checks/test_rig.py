@@ -12,6 +12,7 @@ from calibration import StereoRig
 from calibration.formats import load_rig
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig
+from stereo_seecolor.checks.verdict import RANGES
 from stereo_seecolor.commands.rig_loading import pairs_of
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
@@ -38,6 +39,25 @@ def test_a_run_names_rows_that_check_would_not_accept(by_px: float, said: bool) 
         == said
     )
     assert bool(notes) == said
+
+
+@pytest.mark.slow
+def test_a_run_names_a_stretch_that_motion_alone_leaves_open(tmp_path: Path) -> None:
+    """Images 1.1 times as wide as they were taken: the motion wants ranges 4 +- 4 % longer."""
+    for image in sorted(REEF.glob("*t/*.png")):
+        seen = cv2.imread(str(image))
+        height, width = seen.shape[:2]
+        wider = np.array([[1.1, 0, -0.05 * (width - 1)], [0, 1, 0]])
+        (tmp_path / image.parent.name).mkdir(exist_ok=True)
+        wide = cv2.warpAffine(
+            seen, wider, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
+        cv2.imwrite(str(tmp_path / image.parent.name / image.name), wide)
+    pairs = pairs_of(tmp_path / "left", tmp_path / "right", RunConfig().input).pairs
+    rig = load_rig(REEF / "cam.yaml")
+    found = check_rig(Pipeline(rig, RunConfig()), pairs, DiveChange())
+    assert found.wrong == RANGES
+    assert any("stretched 1.10 " in note and "in width" in note for note in found.notes)
 
 
 @pytest.mark.slow
