@@ -122,15 +122,15 @@ def disparity_noise_px(
     fitted: Fitted, couples: Sequence[SeenTwice], geometry: RectifiedPair
 ) -> list[float]:
     """Standard deviation of the errors of each couple's disparities at the first moment that would
-    explain what the motions leave.
+    explain what the motions leave: of few points, each motion takes up a part of these errors.
     """
     points = _Points.of(couples, geometry, (OFFSET, FOCAL, ROWS, COLUMNS))
     rest, slope = _residuals(points, fitted.poses, fitted.values, geometry.focal_px)
     by_first = slope[:, POSE + OFFSET] + np.array([[0.0], [0.0], [1.0]])
     error_px = (rest * by_first).sum(axis=1) / (by_first**2).sum(axis=1)
     return [
-        deviation_about_zero(own[: len(couple.first)])
-        for own, couple in zip(error_px, couples, strict=True)
+        deviation_about_zero(own[:count]) * float(np.sqrt(count / max(count - POSE, 1)))
+        for own, count in zip(error_px, (len(couple.first) for couple in couples), strict=True)
     ]
 
 

@@ -20,7 +20,7 @@ from calibration.verification.motion import (
     motion_of,
 )
 from calibration.verification.motion_result import Motion
-from calibration.verification.rigid_motion import OFFSET, SeenTwice, fit_motions
+from calibration.verification.rigid_motion import OFFSET, SeenTwice, disparity_noise_px, fit_motions
 from stereo_seecolor.checks.changes import DiveChange
 from stereo_seecolor.checks.rig import check_rig, couples_of, matches_of
 from stereo_seecolor.checks.sample import neighbors
@@ -101,6 +101,20 @@ def noisy_dive(
         both = rng.normal(0, alike * noise_px, points)
         seen.append(SeenTwice(*(side + both[:, None] * [0, 0, 1] for side in sides)))
     return seen
+
+
+def test_noise_of_disparities_is_as_large_by_few_points_as_by_many() -> None:
+    """Motions take up a part of the errors of few points."""
+
+    def found_px(points: int) -> float:
+        found: list[float] = []
+        for seed in range(12):
+            couples = noisy_dive(seed, 0.5, points=points)
+            fitted = fit_motions(couples, GEOMETRY, OFFSET)
+            found += disparity_noise_px(fitted, couples, GEOMETRY)
+        return float(np.mean(found))
+
+    assert found_px(20) == pytest.approx(found_px(200), rel=0.08)
 
 
 @pytest.mark.parametrize("alike", [0.0, 0.9])
