@@ -110,13 +110,17 @@ def recognizes(lines: Lines) -> bool:
 def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     """Read a table as ``read`` does, by the usual names of columns."""
     columns = guessed(lines)
-    if missing := _missing(columns):
-        names = ", ".join(_header(lines)[1])
-        raise InputError(
-            f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name "
-            f"its columns as in {_EXAMPLE}{_positions_alone(lines, columns)}"
-        )
+    if _missing(columns):
+        raise InputError(f"{lines.path}: {_what_it_lacks(lines, columns)}")
     return read(lines, columns, mount, by_names=True)
+
+
+def _what_it_lacks(lines: Lines, columns: Mapping[str, str]) -> str:
+    return (
+        f"is a table without {', '.join(_missing(columns))} (it has "
+        f"{', '.join(_header(lines)[1]):.150}): name its columns as in "
+        f"{_EXAMPLE}{_positions_alone(lines, columns)}"
+    )
 
 
 def _positions_alone(lines: Lines, columns: Mapping[str, str]) -> str:
@@ -135,6 +139,8 @@ def describe_table(lines: Lines) -> str:
     except csv.Error:  # a cell of more than 131,072 characters
         return ""
     numbers = [sum(map(is_number, row)) for row in rows if row != header]
+    if numbers and _PLACE not in _missing(columns := guessed(lines)):
+        return _what_it_lacks(lines, columns)
     if len(header) < LEAST_COLUMNS or any(map(is_number, header)) or not numbers:
         return ""
     if any(len(row) != len(header) for row in rows) or 2 * min(numbers) < len(header):
