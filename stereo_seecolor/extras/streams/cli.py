@@ -162,7 +162,7 @@ def live(
 
     def announce(line: str) -> None:
         log.info(line)
-        write_error(f"{line}\n")
+        write_error(lines(line))
 
     with report.working():
         budget_s = None if budget_ms is None else budget_ms / 1000
