@@ -135,6 +135,7 @@ def test_bad_overrides(override: str, message: str) -> None:
         ("colr: {}", r"there is no setting 'colr'; did you mean 'color'"),
         ("- a", r"must hold sections .*got a list"),
         ("a: [", "is not YAML"),
+        ("input: {bayer: none}\ninput: {refine: true}", "'input' is given twice.* line 2"),
         ("color: 5", r"run\.yaml: color: "),
         (
             "matching: {max_range_m: .inf}",

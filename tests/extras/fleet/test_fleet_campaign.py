@@ -247,6 +247,7 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
     ("text", "message"),
     [
         ("dives: [", "is not YAML"),
+        ("out: a\nout: b", "'out' is given twice"),
         ("out: x", "dives: Field required"),
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
