@@ -240,7 +240,22 @@ def _read(path: Path) -> _Content:
             f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a "
             f"{type(content).__name__}"
         )
-    return content
+    return _with_sections(content, RunConfig)
+
+
+def _with_sections(content: _Content, model: type[BaseModel]) -> _Content:
+    """Sections of which no line is left, or only comments, are empty."""
+    models = {
+        name: type(field.default)
+        for name, field in model.model_fields.items()
+        if isinstance(field.default, BaseModel)
+    }
+    return {
+        name: _with_sections(value or {}, models[name])
+        if name in models and (value is None or isinstance(value, dict))
+        else value
+        for name, value in content.items()
+    }
 
 
 def _parsed(text: str) -> Any:

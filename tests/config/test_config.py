@@ -160,6 +160,14 @@ def test_bad_files(tmp_path: Path, content: str, message: str) -> None:
         load_config(tmp_path / "run.yaml")
 
 
+@pytest.mark.parametrize(
+    "content", ["", "# matching:", "matching:\n  # max_range_m: 6", "color:\n  robust:\n"]
+)
+def test_files_and_sections_of_comments_alone_change_nothing(tmp_path: Path, content: str) -> None:
+    (tmp_path / "run.yaml").write_text(content)
+    assert load_config(tmp_path / "run.yaml") == RunConfig()
+
+
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"run\.yaml: cannot be read"):
         load_config(tmp_path / "run.yaml")

@@ -249,6 +249,8 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
         ("dives: [", "is not YAML"),
         ("out: a\nout: b", "'out' is given twice"),
         ("out: x", "dives: Field required"),
+        ("# no line", "the file: holds no lines of the form key: value"),
+        ("{out: x, dives: [monday]}", "dives.0: holds no lines"),
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
         (f"{{out: x, dives: [{{name: 2024-05-01, {SIDES}}}]}}", "dives.0.name: .*in quotes"),
