@@ -87,7 +87,7 @@ def test_tartanair_is_north_east_down_without_times(tmp_path: Path) -> None:
 
 
 def test_seven_numbers_without_a_quaternion_are_no_trajectory(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is not a trajectory of a known format"):
+    with pytest.raises(InputError, match="is rows of 7 columns without names"):
         read_trajectory(write(tmp_path, "1790000000 1 2 3 10 20 30\n"))
 
 
