@@ -49,7 +49,7 @@ _TEXT = (
         "it as CSV with time, lat, lon, depth, made with the position and heading of the ship",
     ),
     (
-        r"(?m)^\W*USBL(LONG|ANGLES),",
+        r"\bUSBL(LONG|ANGLES),",
         "a log of an Evologics USBL, in meters from the ship: save it as CSV with time, lat, lon, "
         "depth, made with the position and heading of the ship",
     ),
