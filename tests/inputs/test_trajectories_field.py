@@ -555,6 +555,15 @@ def test_a_table_of_unknown_columns_is_named_with_them(tmp_path: Path) -> None:
         read_trajectory(write(tmp_path, table, "nav.csv"))
 
 
+def test_a_table_of_images_below_a_comment_is_named(tmp_path: Path) -> None:
+    """Also with the image_name of ORCA."""
+    table = "# dive 3\nimage_name,latitude,longitude,depth\na,-14.5,145.25,5\n"
+    with pytest.raises(InputError, match="is a table without heading"):
+        read_trajectory(write(tmp_path, table, "images.csv"))
+    with pytest.raises(InputError, match=r"known by their names \(place, p, q, r\)"):
+        read_trajectory(write(tmp_path, "# dive 3\nplace,p,q,r\n1,2,3,4\n", "places.csv"))
+
+
 def test_an_inertial_navigation_system_is_named(tmp_path: Path) -> None:
     text = nmea("HEHDT,12.00,T") + nmea("PIXSE,POSITI,-14.68,145.45,-5.0")
     with pytest.raises(InputError, match=r"inertial navigation system \(PIXSE\).*CSV"):

@@ -21,6 +21,7 @@ from stereo_seecolor.records import Trajectory
 
 NOON = 1792152000  # 2026-10-16 12:00:00 UTC
 TIMES = [NOON, NOON + 1]
+SIX_PARTS = ("year", "month", "day", "hours", "minutes", "seconds")
 STD = ("time", "lat", "lon", "depth", "heading")
 ROWS: list[list[Any]] = [[NOON, -14.685, -61.05, 5, 0], [NOON + 1, -14.685, -61.0499, 6, 90]]
 
@@ -111,6 +112,15 @@ FORMS: dict[str, str | bytes] = {
     "ten words": table((*STD, *"abcd", "e"), [[*row, *[1] * 4, "x"] for row in ROWS], by=" "),
     "fourteen columns between semicolons": table((*STD, *"abcdefghi"), [
         [*row, *[1] * 9] for row in ROWS], by=";").replace(".", ","),
+    "a time since a start": table((*STD, "UTC"), [
+        [i, *row[1:], row[0]] for i, row in enumerate(ROWS)]),
+    "hours and minutes": table(("DATE", "TIME", *STD[1:]), [
+        ["20261016", "1200", *ROWS[0][1:]], ["20261016", "120001", *ROWS[1][1:]]]),
+    "a date in three columns": table(("year", "month", "day", *STD), [
+        [2026, 10, 16, f"12:0:{i}.0", *row[1:]] for i, row in enumerate(ROWS)]),
+    "six columns of a time": table(("date", *SIX_PARTS,
+                                    *STD[1:]), [
+        ["x", 2026, 10, 16, 12, 0, f"{i}.0", *row[1:]] for i, row in enumerate(ROWS)]),
     "a date and a time": table(("date", "time", "latitude", "longitude", "depth", "heading"), [
         [*datetime.fromtimestamp(row[0], UTC).isoformat().split("T"), *row[1:]] for row in ROWS]),
     "a date with its time": table(("date", *STD[1:]), [
@@ -172,7 +182,7 @@ def test_times_in_several_columns(names: str, tmp_path: Path) -> None:
 
 FORMATS = {
     "compact": "%Y%m%d%H%M%S", "underscore": "%Y%m%d_%H%M%S",
-    "name of a month": "%d-%b-%Y %H:%M:%S",
+    "name of a month": "%d-%b-%Y %H:%M:%S", "its year in two digits": "%d-%b-%y %H:%M:%S",
     "month first": "%B %d %Y %H:%M:%S", "EXIF": "%Y:%m:%d %H:%M:%S",
     "day of the year": "%Y-%j %H:%M:%S", "comma before milliseconds": "%Y-%m-%d %H:%M:%S,000",
 }  # fmt: skip

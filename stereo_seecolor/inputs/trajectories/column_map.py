@@ -18,7 +18,12 @@ from stereo_seecolor.inputs.trajectories.columns import roles_of, unit, words
 from stereo_seecolor.inputs.trajectories.degrees import OF_MAVLINK, read_degrees
 from stereo_seecolor.inputs.trajectories.held_fixes import MAX_GAP_S, HeldFixes, between_fixes
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
-from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds
+from stereo_seecolor.inputs.trajectories.times import (
+    AmbiguousDateError,
+    TimeError,
+    column_seconds,
+    is_unknown,
+)
 from stereo_seecolor.inputs.trajectories.vehicle_track import (
     METERS_PER_DEGREE,
     Column,
@@ -58,8 +63,10 @@ _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
-_CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
-"""A time of day, as h:m:s or hhmmss."""
+_CLOCK = re.compile(r"\d{1,2}:\d")
+"""A time of day, as h:m:s."""
+SINCE_EPOCH = 1e8
+"""Seconds from here on are since 1970: since midnight they would be three years."""
 _WITH_CLOCK = re.compile(r"\d[ T]\d{1,2}:\d\d")
 """In a date with a time of day."""
 _HEIGHTS = {"alt", "altitude", "height", "elevation"}
@@ -173,16 +180,23 @@ def describe_table(lines: Lines) -> str:
 def guessed(lines: Lines) -> dict[str, str]:
     """Role -> the column of a usual name for it, without a date beside a time that holds one."""
     found = roles_of(split_fields(lines.header, separator_of(lines.header)))
-    if "date" in found and len(found) > 1:
-        rows = _table(lines, {}).rows if len(lines.content) > 1 else ()
+    if "date" in found and len(found) > 1 and len(lines.content) > 1:
+        table = _table(lines, {})
         if "time" not in found:
-            if any(_WITH_CLOCK.search(row[found["date"].lower()]) for _, row in rows):
+            if any(map(_WITH_CLOCK.search, table.text(found["date"].lower()))):
                 found["time"] = found.pop("date")
-        elif not any(_CLOCK.match(row[found["time"].lower()]) for _, row in rows):
+        elif any(map(_is_dated, table.text(found["time"].lower()))):
             del found["date"]
     if "depth" in found:
         found.pop("up", None)
     return found
+
+
+def _is_dated(time: str) -> bool:
+    """Tell whether a time has its date: no h:m:s, and no number of a day's seconds."""
+    if is_number(time):
+        return abs(float(time)) >= SINCE_EPOCH
+    return not (is_unknown(time) or _CLOCK.match(time))
 
 
 def read(

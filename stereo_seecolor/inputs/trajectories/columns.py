@@ -67,6 +67,8 @@ course over ground.
 """
 _LAST = {"t", "tid"}
 """Words of a time that also are temperature and the number of a tag: taken without another time."""
+_ON_EARTH = {"utc", "zulu", "epoch", "unix", "date", "datetime", "timestamp"}
+"""Words of a time that is none since a start: taken before ``time``, which may be."""
 _UNITS = {
     **METERS,
     "deg": 1.0, "degree": 1.0, "degrees": 1.0, "cdeg": 0.01, "wgs": 1.0,
@@ -78,6 +80,7 @@ _UNITS = {
 _ROLE_OF = {word: role for role, words in _WORDS.items() for word in words.split()}
 _TILTS = ("pitch", "roll")
 TIME_PARTS = ("year", "month", "day", "hour", "minute", "second")
+DAY_PARTS = TIME_PARTS[:3]
 CLOCK_PARTS = (("secs", "nsecs"), ("sec", "nanosec"), ("secs", "nanosecs"), ("sec", "nsec"))
 
 
@@ -108,6 +111,7 @@ def named(name: str) -> ColumnRole | None:
     bare = [word for word in said if word not in _UNITS or said == [word]]
     owners = [rank for rank, own in enumerate(_OWNERS) for word in bare if word in own]
     rank = max(owners, default=_NO_OWNERS) + len(_OWNERS) * (not _LAST.isdisjoint(bare))
+    rank = 2 * rank + _ON_EARTH.isdisjoint(bare)
     for phrase_role, phrases in _PHRASES.items():
         if any(set(bare) - _OWNER_WORDS == phrase - _OWNER_WORDS for phrase in phrases):
             return ColumnRole(phrase_role, rank)
@@ -124,7 +128,8 @@ def roles_of(names: Iterable[str]) -> dict[str, str]:
     """Role -> the column that fits best, of two alike the first.
 
     Columns of year, month, day, hour, minute and second, and of seconds and nanoseconds, are the
-    time together, with spaces between their names.
+    time together, those of year, month and day beside a time the date, with spaces between their
+    names.
     """
     found: dict[str, tuple[int, str]] = {}
     names = list(names)
@@ -133,9 +138,12 @@ def roles_of(names: Iterable[str]) -> dict[str, str]:
         if own and (own.role not in found or own.rank < found[own.role][0]):
             found[own.role] = (own.rank, name)
     last = {said[-1]: name for name in names if (said := words(name))}
+    last |= {word.removesuffix("s"): last[word] for word in last if word[:-1] in TIME_PARTS}
     for parts in (TIME_PARTS, *CLOCK_PARTS):
         if last.keys() >= set(parts):
             found["time"] = (0, " ".join(last[part] for part in parts))
+    if last.keys() >= set(DAY_PARTS) and "time" in found:
+        found.setdefault("date", (0, " ".join(last[part] for part in DAY_PARTS)))
     if "kappa" in last:  # omega, phi, kappa of photogrammetry
         found = {role: own for role, own in found.items() if role not in ("heading", *_TILTS)}
     return {role: name for role, (_, name) in found.items()}
