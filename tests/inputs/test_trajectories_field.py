@@ -260,6 +260,7 @@ FOREIGN = {
     "dive.tlog": (bytes(8) + b"\xfd\x1c\x00\x00\x01\x01" + bytes(50), "a telemetry log of MAVLink"),
     "nav.xlsx": (b"PK\x03\x04" + bytes(50), "a spreadsheet or an archive"),
     "track.shp": (b"\x00\x00\x27\x0a" + bytes(96), "a Shapefile"),
+    "nav.csv": (b"version https://git-lfs.github.com/spec/v1\noid sha256:5\n", "a pointer of Git"),
     "model.nvm": (b"NVM_V3\n\n2\n", "a model of VisualSFM"),
     "bundle.out": (b"# Bundle file v0.3\n2 0\n", "a model of Bundler"),
     "shots.json": (b'{"type": "FeatureCollection", "features": []}', "a GeoJSON file"),

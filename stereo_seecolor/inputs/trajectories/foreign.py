@@ -24,6 +24,10 @@ _TEXT = (
         r"\A# Bundle file",
         "a model of Bundler, without names or times of images: export it as images.txt of COLMAP",
     ),
+    (
+        r"\Aversion https://git-lfs",
+        "a pointer of Git LFS in place of the file: fetch it with git lfs pull",
+    ),
     (r"\ANVM_V3", "a model of VisualSFM: export it as images.txt of COLMAP"),
     (
         r'"img_name"\s*:',
