@@ -6,6 +6,7 @@ mapping or a file a camera, R and T or one transform, a pose for each camera, or
 rectification. OpenCV's own files store no image size.
 """
 
+import re
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
 from calibration.formats.reading.aliases import words_for
 from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
-from calibration.formats.reading.leaves import texts, words
+from calibration.formats.reading.leaves import keys, texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
 from calibration.geometry import camera_matrix
@@ -32,6 +33,10 @@ LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
 """A size whose middle is nearer by this to the exchanged principal point is (rows, columns)."""
+MIRROR = re.compile(r"xi(?:[ _.]?(?:[lr012]|left|right))?", re.IGNORECASE)
+"""The parameter that only lenses of the omnidirectional model have."""
+SAME = 1e-3
+"""Relative difference of numbers that were printed twice, with other numbers of decimals."""
 SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
@@ -60,6 +65,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     CalibrationError.
     """
     document = _of_one_rig(document)
+    _named_models(document)
     parts = find(document.content)
     if parts.many:
         raise CalibrationError(
@@ -99,6 +105,7 @@ def _read_all_ways(
     none. Raises CalibrationError if none is a rig.
     """
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
+    doubts = (*pose.doubts, *_contradictions(parts))
     rigs: list[StereoRig] = []
     refused: list[CalibrationError] = []
     for text, model in _models(document, parts, pose):
@@ -108,7 +115,7 @@ def _read_all_ways(
             try:
                 with naming(document.where):
                     rig = StereoRig(
-                        *cameras, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said
+                        *cameras, T_right_left, rms_px=rms_px, doubts=doubts, reading=said
                     )
                 rigs.append(rig)
             except CalibrationError as error:
@@ -141,13 +148,29 @@ def _of_one_rig(document: Section) -> Section:
         return document
     rig = _of_one_rig(Section(document.where, mappings[raw[0]]))
     kept = {key: value for key, value in document.content.items() if key not in rigs}
-    return Section(document.where, kept | {raw[0]: rig.content})
+    # first, so that nothing of another rig, half given, comes before it
+    return Section(document.where, {raw[0]: rig.content} | kept)
 
 
 def _refuse_miscounted(document: Section) -> None:
     """Raise CalibrationError for a part whose numbers are too few or too many."""
     if said := describe_miscount(document.content):
         raise CalibrationError(f"{document.where}: {said}: compare it with the file of the tool")
+
+
+def _contradictions(parts: Parts) -> list[str]:
+    """Name each lens that the file gives twice, with other numbers."""
+    found = []
+    for side in SIDES[1:]:
+        used = parts.get("K", side)
+        for other in parts.table.get(("K", side), []):
+            if used and not np.allclose(_matrix(other.numbers), _matrix(used.numbers), rtol=SAME):
+                names = [".".join(leaf.path) for leaf in (used, other)]
+                found.append(
+                    f"contains two camera matrices of the {side} camera, {names[0]} and "
+                    f"{names[1]}: {names[0]} is used"
+                )
+    return found
 
 
 def _alone(parts: Parts, role: Role) -> str:
@@ -220,19 +243,29 @@ def size_of(
     return document.needed_size(image_size)
 
 
-def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
-    """The models that the file can mean: four coefficients alone are k1 k2 p1 p2 or a fisheye's."""
+def _named_models(document: Section) -> set[str]:
+    """The lens models that the file names, without underscores. Raises CalibrationError for one
+    that OpenCV has not.
+    """
     named = {
-        str(text).lower().replace("_", "")
+        str(text).lower().replace("_", "").replace("-", "")
         for said, text in texts(document.content)
         if {"model", "type"} & set(said)
     }
     others = words_for(named, "other lens")
+    if any(map(MIRROR.fullmatch, keys(document.content))):
+        others |= {"omni"}
     if others:
         raise CalibrationError(
             f"{document.where}: the lens model {min(others)!r} is not supported: calibrate with "
             "OpenCV's pinhole or fisheye"
         )
+    return named
+
+
+def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
+    """The models that the file can mean: four coefficients alone are k1 k2 p1 p2 or a fisheye's."""
+    named = _named_models(document)
     distortions = parts.pair("D") if parts.pair("K") else None
     if distortions is None:
         if parts.pair("K") and not np.array_equal(pose.T[:3, :3], np.eye(3)):

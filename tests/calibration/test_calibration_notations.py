@@ -84,6 +84,7 @@ NOTATIONS: dict[str, str | bytes] = {
         for key, part in PARTS.items()) + "</rig>",
     "YAML of several documents": "---\n".join(
         yaml.safe_dump(part) for part in (of(RIG.left), of(RIG.right), POSE)),
+    "a number right behind its colon": f"Viewer.PointSize:2\n{YAML}T2.rate:-5\n",
     "a tuple of Python": f"size: !!python/tuple [640, 480]\n{YAML}",
 }  # fmt: skip
 
@@ -123,6 +124,16 @@ def padded(K: np.ndarray, rows_: int) -> list[list[float]]:
     return list(square[:rows_].tolist())
 
 
+def rectified(*names: str) -> dict[str, Any]:
+    """The rotations and projections of the rectified images, under R1 R2 P1 P2 of other names."""
+    infos = ros_infos()
+    keys = ("rectification_matrix", "rectification_matrix", *["projection_matrix"] * 2)
+    return {
+        name: np.reshape(infos[i % 2][key]["data"], (3, -1)).tolist()  # type: ignore[index]
+        for i, (name, key) in enumerate(zip(names, keys, strict=True))
+    }
+
+
 WORLD = np.eye(4)
 WORLD[:3, :3] = Rotation.from_rotvec([0.1, 0.5, -0.3]).as_matrix()
 WORLD[:3, 3] = 1, 2, 3
@@ -133,6 +144,10 @@ CENTERS = {
 SPELLINGS: dict[str, Mapping[str, Any]] = {
     "Kl Dl": {"Kl": PLAIN["K1"], "Dl": PLAIN["D1"], "Kr": PLAIN["K2"], "Dr": PLAIN["D2"], **POSE},
     "ml dl": {"ml": PLAIN["K1"], "dl": PLAIN["D1"], "mr": PLAIN["K2"], "dr": PLAIN["D2"], **POSE},
+    "Rl Pl": {"Kl": PLAIN["K1"], "Dl": PLAIN["D1"], "Kr": PLAIN["K2"], "Dr": PLAIN["D2"],
+              **rectified("Rl", "Rr", "Pl", "Pr")},
+    "K0 D0 beside P0": {"K0": PLAIN["K1"], "D0": PLAIN["D1"], "K1": PLAIN["K2"],
+                        "D1": PLAIN["D2"], **POSE, **rectified("R0", "R1", "P0", "P1")},
     "coef_left": {"matrix_left": PLAIN["K1"], "coef_left": PLAIN["D1"], **POSE,
                   "matrix_right": PLAIN["K2"], "coef_right": PLAIN["D2"]},
     "sides below parts": {"camera_matrix": {"left": PLAIN["K1"], "right": PLAIN["K2"]},
@@ -167,6 +182,30 @@ SPELLINGS: dict[str, Mapping[str, Any]] = {
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_spellings_of_parts(spelling: str, tmp_path: Path) -> None:
     assert same(read(SPELLINGS[spelling], tmp_path))
+
+
+def test_counts_and_groups_of_cameras_are_no_names(tmp_path: Path) -> None:
+    cameras = {
+        f"camera_{i}": {**BOTH[side], "camera_group": 0, "camera_pose_matrix": pose.tolist()}
+        for i, (side, pose) in enumerate((("left", np.eye(4)), ("right", INVERSE)))
+    }
+    found = read({"nb_camera": 2} | cameras, tmp_path)
+    assert same(found)
+    assert not [doubt for doubt in found.doubts if "no unit" not in doubt]
+
+
+def test_of_two_lenses_for_one_camera_that_of_the_whole_rig_is_taken_and_said(
+    tmp_path: Path,
+) -> None:
+    def method(name: str, **parts: Any) -> str:
+        lines = [f"        self.{key} = np.array({value})\n" for key, value in parts.items()]
+        return f"    def {name}(self):\n{''.join(lines)}"
+
+    other = {key: (1.5 * PARTS[key]).tolist() for key in ("K1", "K2")} | {"T": [-0.2, 0, 0]}
+    methods = method("__init__", **PLAIN) + method("set_other", **other)
+    found = read(f"import numpy as np\n\n\nclass Rig:\n{methods}", tmp_path)
+    assert same(found)
+    assert sum("contains two camera matrices" in doubt for doubt in found.doubts) == 2
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
@@ -254,6 +293,11 @@ REFUSED: dict[str, tuple[str | Mapping[str, Any], str]] = {
         "holds 2 rigs, down and forward",
     ),
     "two rigs in a list": ({"rigs": [BOTH | POSE, BOTH | POSE]}, r"holds 2 rigs, rigs.0 and"),
+    "the mirror of a lens": (PLAIN | {"xi1": [[1.1]], "xi2": [[1.2]]}, "'omni' is"),
+    "K [R t] for the projection of a rectified image": (
+        {"P1": padded(RIG.left.K, 3), "P2": (RIG.right.K @ T[:3]).tolist()},
+        "contains a rotation, as K .R t. does",
+    ),
     "inches": (PLAIN | {"T": [-4.72, 0, 0]}, "in inches 0.119"),
     "a name twice": ("K1 1 2 3 4\nK1 5 6 7 8\n", "'K1' is given twice"),
 }  # fmt: skip
