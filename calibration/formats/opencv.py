@@ -14,6 +14,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
+from calibration.formats.matlab import DOCUMENTED, TRANSPOSED
 from calibration.formats.reading.aliases import words_for
 from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
 from calibration.formats.reading.leaves import keys, texts, words
@@ -21,7 +22,7 @@ from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
 from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse, is_backward
+from calibration.transforms import inverse, is_backward, rigid_transform
 
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
@@ -29,6 +30,8 @@ FORWARD = "the transform maps left to right axes"
 BACKWARD = "the transform maps right to left axes"
 FROM_CAMERA = "the poses of the two cameras map from their axes"
 INTO_CAMERA = "the poses of the two cameras map into their axes"
+MATLABS_R = "RotationOfCamera2"
+"""For row vectors, unless who wrote it outside MATLAB transposed it as the camera matrices."""
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
@@ -110,7 +113,7 @@ def _read_all_ways(
     refused: list[CalibrationError] = []
     for text, model in _models(document, parts, pose):
         cameras = _cameras(document, parts, model, image_size)
-        for reading, T_right_left in _senses(pose):
+        for reading, T_right_left in _senses(pose, parts):
             said = ", ".join(filter(None, (text, reading)))
             try:
                 with naming(document.where):
@@ -179,13 +182,17 @@ def _alone(parts: Parts, role: Role) -> str:
     return ".".join(found[0].path) if len(found) == 1 else ""
 
 
-def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
+def _senses(pose: Pose, parts: Parts) -> list[tuple[str, np.ndarray]]:
     """The transform, and where its sense is open the other one, before it where the first would put
     the right camera to the left.
     """
     if pose.other is not None:
         senses = [(INTO_CAMERA if pose.is_into else FROM_CAMERA, pose.T)]
         return [*senses, (FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other)]
+    R = parts.get("R") or parts.get("R", "right")
+    if R is not None and R.path[-1] == MATLABS_R:
+        documented = rigid_transform(pose.T[:3, :3].T, pose.T[:3, 3])
+        return [(TRANSPOSED, pose.T), (DOCUMENTED, documented)]
     if pose.is_open and is_backward(pose.T):
         return [(BACKWARD, inverse(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]

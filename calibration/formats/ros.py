@@ -29,8 +29,8 @@ DISTORTION_MODELS: dict[str, CameraModel] = {
 
 
 def matches(document: Section) -> bool:
-    """True for one camera's camera_info."""
-    return (
+    """True for one camera's camera_info, which states its size."""
+    return (document.has("image_width") or document.has("width")) and (
         document.has("projection_matrix", "camera_matrix")
         or document.has("P", "K", "D")
         or document.has("p", "k", "d")

@@ -141,6 +141,41 @@ CENTERS = {
     "left": {**BOTH["left"], "position": [0, 0, 0], "rotation": np.eye(3).tolist()},
     "right": {**BOTH["right"], "position": INVERSE[:3, 3].tolist(), "rotation": RIG.R.T.tolist()},
 }
+
+
+def fours(camera: Camera) -> list[float]:
+    return list(camera.K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist())
+
+
+def chain(camera: Camera, **pose: Any) -> dict[str, Any]:
+    """Of Kalibr, with the names of lenses that ROS has."""
+    return {
+        "intrinsics": fours(camera), "distortion_coeffs": camera.distortion.tolist(),
+        "distortion_model": "plumb_bob", "resolution": list(SIZE),
+    } | pose  # fmt: skip
+
+
+def svo(number: int, camera: Camera, pose: np.ndarray) -> dict[str, Any]:
+    """Of aslam, maplab and SVO; its T_B_C leads from the camera."""
+    lens = {
+        "distortion": {
+            "parameters": {"data": camera.distortion.tolist()}, "type": "radial-tangential",
+        },
+        "intrinsics": {"data": fours(camera)}, "label": f"cam{number}", "type": "pinhole",
+        "image_width": SIZE[0], "image_height": SIZE[1],
+    }  # fmt: skip
+    return {"camera": lens, "T_B_C": {"data": np.linalg.inv(pose).ravel().tolist()}, "serial_no": 0}
+
+
+def both_ways(pose: np.ndarray) -> dict[str, Any]:
+    ways = {"cam_to_world": np.linalg.inv(pose), "world_to_cam": pose}
+    return {"detected_id": 0} | {
+        f"{name}_{way}": part.tolist()
+        for way, one in ways.items()
+        for name, part in (("R", one[:3, :3]), ("t", one[:3, 3]))
+    }
+
+
 SPELLINGS: dict[str, Mapping[str, Any]] = {
     "Kl Dl": {"Kl": PLAIN["K1"], "Dl": PLAIN["D1"], "Kr": PLAIN["K2"], "Dr": PLAIN["D2"], **POSE},
     "ml dl": {"ml": PLAIN["K1"], "dl": PLAIN["D1"], "mr": PLAIN["K2"], "dr": PLAIN["D2"], **POSE},
@@ -148,6 +183,30 @@ SPELLINGS: dict[str, Mapping[str, Any]] = {
               **rectified("Rl", "Rr", "Pl", "Pr")},
     "K0 D0 beside P0": {"K0": PLAIN["K1"], "D0": PLAIN["D1"], "K1": PLAIN["K2"],
                         "D1": PLAIN["D2"], **POSE, **rectified("R0", "R1", "P0", "P1")},
+    "K_top beside K_bottom": {"K_top": PLAIN["K1"], "dist_top": PLAIN["D1"], **POSE,
+                              "K_bottom": PLAIN["K2"], "dist_bottom": PLAIN["D2"]},
+    "K D R P of each camera, and no size": {
+        f"{side}_camera": {**BOTH[side], **rectified(*names)}
+        for side, names in (("left", ("R", "-", "P", "-")), ("right", ("-", "R", "-", "P")))
+    },
+    "R_world_to_cam and R_cam_to_world": {
+        side: BOTH[side] | both_ways(pose) for side, pose in (("left", WORLD), ("right", T @ WORLD))
+    },
+    "a list of aslam": {"cameras": [svo(0, RIG.left, WORLD), svo(1, RIG.right, T @ WORLD)]},
+    "a chain with lenses of ROS": {
+        "cam0": chain(RIG.left), "cam1": chain(RIG.right, T_cn_cnm1=T.tolist())
+    },
+    "lenses beside a model_type": {
+        "model_type": "PINHOLE", "intrinsics_l": fours(RIG.left), "intrinsics_r": fours(RIG.right),
+        "distortion_l": PLAIN["D1"], "distortion_r": PLAIN["D2"], **POSE,
+    },
+    "principle_point_x_pixels": {
+        side: dict(zip(("focal_length_x_px", "focal_length_y_px", "principle_point_x_pixels",
+                        "principle_point_y_pixels"), fours(camera), strict=True))
+        | {"dist": camera.distortion.tolist()}
+        for side, camera in (("left", RIG.left), ("right", RIG.right))} | POSE,
+    "MATLAB's name of R": {"K1": PLAIN["K1"], "D1": PLAIN["D1"], "K2": PLAIN["K2"],
+                           "D2": PLAIN["D2"], "RotationOfCamera2": PLAIN["R"], "T": PLAIN["T"]},
     "coef_left": {"matrix_left": PLAIN["K1"], "coef_left": PLAIN["D1"], **POSE,
                   "matrix_right": PLAIN["K2"], "coef_right": PLAIN["D2"]},
     "sides below parts": {"camera_matrix": {"left": PLAIN["K1"], "right": PLAIN["K2"]},
@@ -181,7 +240,31 @@ SPELLINGS: dict[str, Mapping[str, Any]] = {
 
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_spellings_of_parts(spelling: str, tmp_path: Path) -> None:
-    assert same(read(SPELLINGS[spelling], tmp_path))
+    found = read(SPELLINGS[spelling], tmp_path)
+    assert same(found)
+    if "MATLAB" in spelling:
+        np.testing.assert_allclose(found.alternatives[0].R, RIG.R.T, atol=1e-9)
+
+
+def test_what_the_window_of_bouguets_toolbox_prints(tmp_path: Path) -> None:
+    numbers = {"om": cv2.Rodrigues(RIG.R)[0].ravel(), "T": 1000 * T[:3, 3]}
+    for side, camera in (("left", RIG.left), ("right", RIG.right)):
+        fx, fy, *center = fours(camera)
+        numbers |= {f"fc_{side}": [fx, fy], f"cc_{side}": center, f"kc_{side}": camera.distortion}
+
+    def printed(scale: float) -> str:
+        return (
+            "Stereo calibration parameters:\n\nIntrinsic parameters of left camera:\n\n"
+            + "".join(
+                f"Focal Length:   {name} = [ {rows(scale * np.array(part))} ] ± [ 0.1  0.2 ]\n"
+                for name, part in numbers.items()
+            )
+        )
+
+    for encoding in ("utf-8", "latin-1"):
+        found = read((printed(1.01) + printed(1.0)).encode(encoding), tmp_path)
+        assert same(found)
+        assert not found.doubts
 
 
 def test_counts_and_groups_of_cameras_are_no_names(tmp_path: Path) -> None:
@@ -298,6 +381,14 @@ REFUSED: dict[str, tuple[str | Mapping[str, Any], str]] = {
         {"P1": padded(RIG.left.K, 3), "P2": (RIG.right.K @ T[:3]).tolist()},
         "contains a rotation, as K .R t. does",
     ),
+    "a baseline and a focal length alone": (
+        {"baseline_mm": 100.0, "focal_length_px": 2800.0}, "no camera matrix: add the fx, fy, cx"),
+    "eight numbers": (
+        {"cam_matrix_left": [*range(8)], "cam_matrix_right": PLAIN["K2"], "D1": PLAIN["D1"],
+         "D2": PLAIN["D2"], **POSE}, "cam_matrix_left holds 8 numbers, and a camera matrix has 9"),
+    "transposed lenses": (
+        {"cam_matrix_left": RIG.left.K.T.tolist(), "cam_matrix_right": RIG.right.K.T.tolist(),
+         "D1": PLAIN["D1"], "D2": PLAIN["D2"], **POSE}, "cam_matrix_left: .* K is transposed"),
     "inches": (PLAIN | {"T": [-4.72, 0, 0]}, "in inches 0.119"),
     "a name twice": ("K1 1 2 3 4\nK1 5 6 7 8\n", "'K1' is given twice"),
 }  # fmt: skip

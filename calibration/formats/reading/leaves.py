@@ -107,9 +107,14 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
 
 
 def _holds_name(said: tuple[str, ...]) -> bool:
-    """Tell whether a key leads to a camera's name: ``camera_id``, but not ``nb_camera``."""
+    """Tell whether a key leads to a camera's name: ``camera_id``, but not ``nb_camera`` or
+    ``board_id``.
+    """
     naming = words_for(said, "name of a camera")
-    return bool(naming) and (naming != {"camera"} or said == ("camera",))
+    return bool(naming) and (
+        said == ("camera",)
+        or (naming != {"camera"} and not ({*said} - naming - {"cam", "sensor", "frame", "device"}))
+    )
 
 
 def _says_which(said: tuple[str, ...]) -> bool:
@@ -228,6 +233,8 @@ def _side_and_name(key: str) -> tuple[tuple[str, ...], str]:
         if re.fullmatch(r"left|right|l|r|port|starboard|(cam|camera)?[012]", part)
     )
     rest = [part for part in parts if part not in side]
+    if rest[-1:] in (["px"], ["pix"], ["pixel"], ["pixels"]) and len(rest) > 1:
+        rest.pop()
     name = "".join(rest)
     if name[-1:] in ("0", "1", "2") and (
         (name not in NUMBERS and name[:-1] in NUMBERS) or "radial" in name or "tangential" in name
