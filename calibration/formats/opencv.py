@@ -108,7 +108,7 @@ def _read_all_ways(
     none. Raises CalibrationError if none is a rig.
     """
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
-    doubts = (*pose.doubts, *_contradictions(parts))
+    doubts = (*pose.doubts, *_contradictions(parts, pose))
     rigs: list[StereoRig] = []
     refused: list[CalibrationError] = []
     for text, model in _models(document, parts, pose):
@@ -161,19 +161,44 @@ def _refuse_miscounted(document: Section) -> None:
         raise CalibrationError(f"{document.where}: {said}: compare it with the file of the tool")
 
 
-def _contradictions(parts: Parts) -> list[str]:
-    """Name each lens that the file gives twice, with other numbers."""
+def _contradictions(parts: Parts, pose: Pose) -> list[str]:
+    """Name each part that the file gives twice, with other numbers."""
+    of_camera: dict[Role, str] = {"K": "camera matrices", "D": "distortions"}
+    roles = [
+        (role, side, f"{what} of the {side} camera")
+        for role, what in of_camera.items()
+        for side in SIDES[1:]
+    ]
+    if (T := parts.get("T")) and pose.key == ".".join(T.path):
+        roles.append(("R", "", "rotations"))
     found = []
-    for side in SIDES[1:]:
-        used = parts.get("K", side)
-        for other in parts.table.get(("K", side), []):
-            if used and not np.allclose(_matrix(other.numbers), _matrix(used.numbers), rtol=SAME):
+    for role, side, what in roles:
+        used = parts.get(role, side)
+        for other in parts.table.get((role, side), []):
+            if used and not _alike(role, used.numbers, other.numbers):
                 names = [".".join(leaf.path) for leaf in (used, other)]
-                found.append(
-                    f"contains two camera matrices of the {side} camera, {names[0]} and "
-                    f"{names[1]}: {names[0]} is used"
-                )
+                found.append(f"contains two {what}, {names[0]} and {names[1]}: {names[0]} is used")
+    counts = [leaf.numbers.size for leaf in parts.pair("D") or ()]
+    if len({*counts}) > 1:
+        found.append(
+            f"contains {counts[0]} coefficients of distortion for the left camera and {counts[1]} "
+            "for the right one: is one missing?"
+        )
     return found
+
+
+def _alike(role: Role, numbers: np.ndarray, others: np.ndarray) -> bool:
+    """Tell whether the numbers of two leaves are the same part, printed twice."""
+    if role == "R":
+        if 4 in (numbers.size, others.size):
+            return True
+        both = [cv2.Rodrigues(one)[0] if one.size == 3 else one for one in (numbers, others)]
+    elif role == "K":
+        both = [_matrix(one) for one in (numbers, others)]
+    else:
+        size = max(numbers.size, others.size)
+        both = [np.pad(one, (0, size - one.size)) for one in (numbers, others)]
+    return bool(np.allclose(both[0].ravel(), both[1].ravel(), rtol=SAME, atol=SAME))
 
 
 def _alone(parts: Parts, role: Role) -> str:

@@ -547,6 +547,7 @@ FOREIGN = {
     "OpenSfM": '{"left": {"rotation": [0, 0, 0], "translation": [0, 0, 0]}, "right": '
     '{"rotation": [0, 0, 0]}}',
     "Gyroflow": '{"calibrated_by": "a", "calib_dimension": {"w": 640, "h": 480}}',
+    "OCamCalib": "#polynomial coefficients (ocam_model.ss in MATLAB).\n\n5 -7.4e+02 0.0 8.8e-04 \n",
     "Ames Stereo Pipeline": "ref_sensor_name: lnav\n\nsensor_name: lnav\n\nsensor_name: rnav\n",
     "oplab": "version: 1\norigin:\n  latitude: 50.8\n  longitude: -1.4\n",
 }

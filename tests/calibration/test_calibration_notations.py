@@ -3,6 +3,7 @@ line that says what is wrong.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -289,6 +290,35 @@ def test_of_two_lenses_for_one_camera_that_of_the_whole_rig_is_taken_and_said(
     found = read(f"import numpy as np\n\n\nclass Rig:\n{methods}", tmp_path)
     assert same(found)
     assert sum("contains two camera matrices" in doubt for doubt in found.doubts) == 2
+    rotations = method("__init__", om=[0.1, 0, 0], **PLAIN)
+    assert same(read(f"import numpy as np\n\n\nclass Rig:\n{rotations}", tmp_path))
+
+
+def test_a_unit_that_is_taken_for_centimeters_may_be_squares(tmp_path: Path) -> None:
+    found = read(BOTH | {"R": PLAIN["R"], "T": (100 * T[:3, 3]).tolist()}, tmp_path)
+    assert same(found)
+    assert any("centimeters, and not as squares of a board" in doubt for doubt in found.doubts)
+
+
+TWICE: dict[str, tuple[dict[str, Any], str]] = {
+    "two distortions": ({"left_distortion": [0.2, 0, 0, 0, 0]}, "two distortions of the left"),
+    "two rotations": ({"stereo": {"om": [0.1, 0, 0]}}, "two rotations, R and stereo.om: R is used"),
+    "a coefficient less": ({"D2": PLAIN["D2"][:4]}, "5 coefficients .* and 4 for the right one"),
+}
+
+
+@pytest.mark.parametrize("case", TWICE)
+def test_parts_that_disagree_are_named(case: str, tmp_path: Path) -> None:
+    more, message = TWICE[case]
+    assert [doubt for doubt in read(PLAIN | more, tmp_path).doubts if re.search(message, doubt)]
+
+
+def test_settings_of_orb_slam_beside_the_lenses_before_rectification(tmp_path: Path) -> None:
+    infos = rectified("R1", "R2", "P1", "P2")
+    (fx, _, cx, _), (_, fy, cy, _), _ = infos["P2"]
+    rectified_lens = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "bf": -infos["P2"][0][3]}
+    settings = {f"Camera.{key}": value for key, value in rectified_lens.items()}
+    assert same(read(settings | {"Camera.width": 640, "Camera.height": 480} | PLAIN, tmp_path))
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])

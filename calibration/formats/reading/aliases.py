@@ -17,7 +17,7 @@ ALIASES = {
         "quaternion": "q quat quaternion qvec xyzw wxyz",
         # whose order of turns differs between programs
         "angles": "euler rpy angles deg degrees roll pitch yaw",
-        "translation": "t trans* tvec trns tstereo stereot",
+        "translation": "t tran trans* tvec trns tstereo stereot",
         "place": "position pos xyz center centre place",
         "transform": "t rt trans* extrinsics? pose stereo",
         "transform from a camera": "sc bs wc bc ic",

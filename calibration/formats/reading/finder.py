@@ -50,6 +50,7 @@ class Parts:
                 not _is_named(role, leaf),
                 leads_from_camera(words(leaf.path[-1])),
                 len(leaf.path),
+                role == "R" and leaf.numbers.size == 3,  # a matrix before a vector
             ),
             default=None,
         )

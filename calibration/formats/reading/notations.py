@@ -130,7 +130,7 @@ def _named(text: str) -> Iterator[tuple[str, str]]:
         if (found := marked or bare) and not _AROUND.match(plain):
             if name:
                 yield name, body
-            name, body = found[1].strip("\"' \t"), found[2]
+            name, body = found[1].strip("\"' \t").removeprefix("self."), found[2]
         else:
             body += f"\n{plain}"
     if name:
