@@ -255,6 +255,20 @@ def test_positions_of_another_point_of_the_vehicle_are_no_jumps_at_turns(
     assert np.median(off_m) < 0.05
 
 
+@pytest.mark.parametrize(
+    "rpy_deg", [(180.0, 0.0, 0.0), (180.0, 0.0, 90.0), (180.0, 0.0, -90.0), (0.0, 90.0, 90.0)]
+)
+def test_a_camera_upside_down_or_turned_by_a_right_angle_is_taken_into_account(
+    seen: Callable[[Trajectory], ComparedNavigation], rpy_deg: tuple[float, float, float]
+) -> None:
+    found = seen(vehicle().read(MountConfig(rpy_deg=rpy_deg)))
+    assert found.navigation.fits
+    assert found.navigation.advice.startswith("the camera is rotated by ")
+    right = seen(vehicle().read()).placement.T_world_camera
+    turned = np.swapaxes(right[:, :3, :3], 1, 2) @ found.placement.T_world_camera[:, :3, :3]
+    assert np.degrees(np.arccos((np.trace(turned, axis1=1, axis2=2) - 1) / 2)).max() < 0.5
+
+
 def test_depths_that_stay_are_said(seen: Callable[[Trajectory], ComparedNavigation]) -> None:
     t = vehicle()
     navigation = seen(t._replace(depth_m=8 + 0 * t.depth_m).read()).navigation
