@@ -269,6 +269,21 @@ def test_a_camera_upside_down_or_turned_by_a_right_angle_is_taken_into_account(
     assert np.degrees(np.arccos((np.trace(turned, axis1=1, axis2=2) - 1) / 2)).max() < 0.5
 
 
+@pytest.mark.parametrize("jump_m", [2.0, 100.0])
+def test_positions_that_jump_in_the_middle_are_no_arm_and_of_no_other_dive(
+    seen: Callable[[Trajectory], ComparedNavigation], jump_m: float
+) -> None:
+    t = vehicle()
+    late = (t.times_s > BEGIN_S + 24)[:, None]
+    navigation = seen(positions(t, lambda p: p + late * [jump_m, 0.0]).read()).navigation
+    assert not navigation.fits
+    assert navigation.advice == (
+        f"the given poses contradict the images: the given positions jump by {jump_m:.2f} m "
+        "relative to the images between f23 and f24; before and after they fit, and nothing shows "
+        "which are right"
+    )
+
+
 def test_depths_that_stay_are_said(seen: Callable[[Trajectory], ComparedNavigation]) -> None:
     t = vehicle()
     navigation = seen(t._replace(depth_m=8 + 0 * t.depth_m).read()).navigation

@@ -15,7 +15,7 @@ from stereo_seecolor.mapping.navigation.corrections import (
     corrected,
 )
 from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
-from stereo_seecolor.mapping.navigation.deviations import deviations
+from stereo_seecolor.mapping.navigation.deviations import deviations, jumps, without_jumps
 from stereo_seecolor.mapping.navigation.fix_frames import fix_frames
 from stereo_seecolor.mapping.navigation.interpretations import (
     CLOCK_EDGES,
@@ -165,7 +165,7 @@ def examine(
     step_m = trajectory.position_step_m
     if wrong := clock or still(T, seen, step_m):
         return _unfit(verdict, wrong)
-    correction = corrected(T, seen, plain, config)
+    correction = corrected(T, seen, plain, survey.index, config)
     is_rounded = navigation.position_residual_m < ROUNDING * step_m
     readings = []
     if plain > READ_RIGHTLY and not is_rounded:
@@ -179,8 +179,10 @@ def examine(
     straight = correction.T
     if wrong := _misread(T, seen, readings, correction, plain):
         return _unfit(verdict, f"{CONTRADICTED}{wrong}")
-    if contradiction := seen.contradiction(straight, step_m, WRONG_BETWEEN if are_few else WRONG):
-        return _unfit(verdict, f"{CONTRADICTED}: {contradiction}: do they belong to this dive?")
+    if wrong := _contradiction(
+        straight, seen, survey.index, step_m, WRONG_BETWEEN if are_few else WRONG
+    ):
+        return _unfit(verdict, f"{CONTRADICTED}: {wrong}")
     advice_lines = list(correction.advice)
     if advice_lines and readings and _are_alike(readings[0], correction, plain, seen):
         advice_lines[-1] += f"; or, as likely, {named(readings)}"
@@ -249,6 +251,22 @@ def _misread(
         )
     depths = wrong_depths(T, seen) or wrong_depths(correction.T, seen)
     return f": {depths}" if depths else ""
+
+
+def _contradiction(
+    T: Array, seen: SeenMotion, index: FrameIndex, step_m: float, wrong: float
+) -> str:
+    """What to say of poses that fit from frame to frame, and not over the dive, with jumps where
+    these are all that does not fit; "" of others.
+    """
+    contradiction = seen.contradiction(T, step_m, wrong)
+    if not contradiction:
+        return ""
+    steady = without_jumps(T, seen.edges, index, most=len(T))
+    if seen.contradiction(steady, step_m, wrong):
+        return f"{contradiction}: do they belong to this dive?"
+    (jump,) = jumps(T, Motions.of(T, seen.edges), index)
+    return f"{jump}; before and after they fit, and nothing shows which are right"
 
 
 def _are_alike(
