@@ -145,7 +145,7 @@ def jumps(T_world_camera: Array, motions: Motions, index: FrameIndex) -> list[st
             return [line + (f", and more jump at {counted(others, 'place')}" if others else "")]
     a, b = (index.names[index.order[place]] for place in (worst, worst + 1))
     others = len(shifts.places) - 1
-    more = f", and at {counted(others, 'more place')}" if others else ""
+    more = f", and more at {counted(others, 'place')}" if others else ""
     return [
         f"the given positions jump by {np.linalg.norm(shifts.between_m[worst + 1]):.2f} m "
         f"relative to the images between {a} and {b}{more}"
