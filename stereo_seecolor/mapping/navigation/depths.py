@@ -18,8 +18,10 @@ STAYS = 0.1
 _FACTORS = {
     "heights or altitudes in place of depths": -1.0,
     "depths in feet": 1 / 0.3048,
-    "depths in centimeters": 100.0,
+    "depths in centimeters, or pressures in millibars": 100.0,
     "depths in millimeters": 1000.0,
+    "pressures in kilopascals": 10.0,
+    "pressures in bars": 0.1,
     "heights or altitudes in place of depths, in feet": -1 / 0.3048,
     "heights or altitudes in place of depths, in centimeters": -100.0,
 }
