@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from calibration.transforms import rigid_transform
 from stereo_seecolor.earth import (
     degrees_from_north_east,
@@ -83,7 +84,9 @@ def write(posed: PosedRun, folder: Path) -> str:
     }
     tileset = {"asset": asset, "geometricError": float(np.linalg.norm(high - low)), "root": root}
     (folder / "tileset.json").write_text(json.dumps(tileset, indent=2) + "\n", encoding="utf-8")
-    return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {finest_is}"
+    return (
+        f"{counted(len(boxes), 'tile')} in {counted(finest + 1, 'level')}; the finest: {finest_is}"
+    )
 
 
 def _finest_level(posed: PosedRun, surface: SimplifiedSurface) -> int:
