@@ -249,7 +249,7 @@ def _misread(
             f", under every interpretation (by {off_deg:.0f} degrees between neighbors): do they "
             "belong to this dive?"
         )
-    depths = wrong_depths(T, seen) or wrong_depths(correction.T, seen)
+    depths = wrong_depths(T, seen, left) or wrong_depths(correction.T, seen, left)
     return f": {depths}" if depths else ""
 
 

@@ -27,8 +27,10 @@ _FACTORS = {
 }
 
 
-def wrong_depths(T_world_camera: Array, seen: SeenMotion) -> str:
-    """What to say of heights that fit times a factor; "" for others."""
+def wrong_depths(T_world_camera: Array, seen: SeenMotion, misfit: float) -> str:
+    """What to say of heights that fit times a factor, and then better than what leaves ``misfit``;
+    "" for others.
+    """
     given_m, measured_m = _rises(T_world_camera, seen)
     if len(given_m) < LEAST_PAIRS or deviation_about_zero(measured_m) < LEAST_M:
         return ""
@@ -37,6 +39,10 @@ def wrong_depths(T_world_camera: Array, seen: SeenMotion) -> str:
     changes_m = abs(factor) * deviation_about_zero(measured_m)
     alike = [of for of, times in _FACTORS.items() if abs(factor / times - 1) < SAME]
     if left_m > EXPLAINS * min(off_m, changes_m) or not alike:
+        return ""
+    repaired = T_world_camera.copy()
+    repaired[:, 2, 3] /= factor
+    if seen.misfit(repaired) >= misfit:
         return ""
     return (
         f"the given depths change {factor:+.2f} times as much as in the images, which leaves "
