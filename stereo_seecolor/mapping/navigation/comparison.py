@@ -54,6 +54,8 @@ ROUNDING = 1.0
 """Of the step that positions are rounded to: two rounded positions differ by up to 1.4 of it from
 what they were, by half of it in the median, and no other reading is asked for.
 """
+MOST_JUMPS = 10
+"""Positions that jump more often are no longer those of this dive."""
 DEPTH_EDGES = 500
 """Pairs of frames whose depths are compared."""
 
@@ -171,6 +173,9 @@ def examine(
     if plain > READ_RIGHTLY and not is_rounded:
         others = interpretations(T, seen, survey.index, trajectory)
         readings = best_readings(seen, others)
+        # one jump that leaves less is no misreading
+        with_one_jump = seen.misfit(without_jumps(T, seen.edges, survey.index, most=2))
+        readings = [one for one in readings if one.misfit < with_one_jump]
     # a part is wrong where neither a correction nor a reading of the whole explains it
     parts = wrong_parts(correction.T, seen, survey.index)
     is_read_otherwise = bool(readings) and readings[0].misfit < BETTER * plain
@@ -262,7 +267,7 @@ def _contradiction(
     contradiction = seen.contradiction(T, step_m, wrong)
     if not contradiction:
         return ""
-    steady = without_jumps(T, seen.edges, index, most=len(T))
+    steady = without_jumps(T, seen.edges, index, most=MOST_JUMPS)
     if seen.contradiction(steady, step_m, wrong):
         return f"{contradiction}: do they belong to this dive?"
     (jump,) = jumps(T, Motions.of(T, seen.edges), index)

@@ -72,13 +72,19 @@ def _scale(motions: Motions) -> list[str]:
 def without_jumps(
     T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex, most: int
 ) -> Array:
-    """Poses (N, 4, 4) with their largest jumps, so many at most, taken out of all that follows."""
-    motions = Motions.of(T_world_camera, edges)
+    """Poses (N, 4, 4) with their largest jumps, so many at most, taken out of all that follows. A
+    frame whose position was interpolated over a jump makes two of it.
+    """
     result = T_world_camera.copy()
-    if len(motions.edges) >= SETTINGS.min_edges:
-        shifts = _shifts(T_world_camera, motions, index)
-        for place in shifts.places[:most]:
-            result[index.order[place + 1 :], :3, 3] -= shifts.between_m[place + 1]
+    for _ in range(most):
+        motions = Motions.of(result, edges)
+        if len(motions.edges) < SETTINGS.min_edges:
+            break
+        shifts = _shifts(result, motions, index)
+        if not shifts.places:
+            break
+        worst = shifts.places[0]
+        result[index.order[worst + 1 :], :3, 3] -= shifts.between_m[worst + 1]
     return result
 
 
