@@ -206,6 +206,12 @@ def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
         )
 
 
+def test_a_table_of_places_without_a_time_says_what_it_lacks(tmp_path: Path) -> None:
+    path = write(tmp_path, "lat,lon,depth\n-14,145,5\n-14,145,5", "nav.csv")
+    with pytest.raises(InputError, match=r"is a table without heading, time \(or name\) \(it has"):
+        read_trajectory(path)
+
+
 def test_a_column_map_with_a_depth_and_no_heading_says_so(tmp_path: Path) -> None:
     path = write(tmp_path, "t,la,lo,d\n1,-14,145,5\n2,-14,145,5", "nav.csv")
     with pytest.raises(InputError, match=r"lacks heading.*alone: nav.csv:time=t,lat=la,lon=lo$"):

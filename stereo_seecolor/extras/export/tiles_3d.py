@@ -35,6 +35,9 @@ from place to place.
 """
 
 
+DEPTH_UNKNOWN = "the depths are unknown, so that the map lies near the water surface"
+
+
 @dataclass(frozen=True)
 class TileLimits:
     """The size of a tile of the finest level, which a viewer must load in a moment."""
@@ -84,9 +87,10 @@ def write(posed: PosedRun, folder: Path) -> str:
     }
     tileset = {"asset": asset, "geometricError": float(np.linalg.norm(high - low)), "root": root}
     (folder / "tileset.json").write_text(json.dumps(tileset, indent=2) + "\n", encoding="utf-8")
-    return (
-        f"{counted(len(boxes), 'tile')} in {counted(finest + 1, 'level')}; the finest: {finest_is}"
-    )
+    is_known = posed.origin is None or posed.origin.depth_known
+    depth = "" if is_known else f"; {DEPTH_UNKNOWN}"
+    tiles = f"{counted(len(boxes), 'tile')} in {counted(finest + 1, 'level')}"
+    return f"{tiles}; the finest: {finest_is}{depth}"
 
 
 def _finest_level(posed: PosedRun, surface: SimplifiedSurface) -> int:
