@@ -12,7 +12,6 @@ from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory
-from stereo_seecolor.inputs.trajectories.poses import NOT_QUATERNIONS
 from stereo_seecolor.records import GeoOrigin
 
 # A camera that looks down with the top of its image to the north: right is east, down (in the
@@ -90,14 +89,6 @@ def test_tartanair_is_north_east_down_without_times(tmp_path: Path) -> None:
 def test_seven_numbers_without_a_quaternion_are_no_trajectory(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is rows of 7 columns without names"):
         read_trajectory(write(tmp_path, "1790000000 1 2 3 10 20 30\n"))
-
-
-def test_quaternions_that_are_none_by_their_length_are_named(tmp_path: Path) -> None:
-    rows = ["1 0 0 0 0 0 0 1", "2 1 0 0 10 20 90 0", "3 2 0 0 12 20 90 0"]
-    found = read_trajectory(write(tmp_path, "\n".join(rows), "nav.tum"))
-    assert found.notes == (f"{NOT_QUATERNIONS} (median length 92.7)",)
-    rounded = rows[0].replace("0 0 0 1", "0.7 0 0 0.72")
-    assert read_trajectory(write(tmp_path, rounded, "nav.tum")).notes == ()
 
 
 def test_transforms_of_nerf_have_the_axes_of_opengl(tmp_path: Path) -> None:

@@ -18,13 +18,6 @@ from stereo_seecolor.inputs.trajectories.table import Lines, is_number, read_lin
 from stereo_seecolor.inputs.trajectories.times import seconds
 from stereo_seecolor.records import Array, Trajectory
 
-QUATERNION_OFF = 0.05
-"""By so much the length of a quaternion as written, rounded to two digits, may differ from 1."""
-NOT_QUATERNIONS = (
-    "the last four numbers of the poses are read as quaternions, and are none by their length: are "
-    "they angles, or other columns?"
-)
-
 
 def is_tum(lines: Lines) -> bool:
     """A number or a name, and seven numbers a line, with or without commas."""
@@ -85,20 +78,10 @@ def trajectory_of(times_s: Array, values: Array) -> Trajectory:
     """Make a trajectory of (N, 7) x y z qx qy qz qw.
 
     World z is up unless the first pose is the identity, which is then the world, with up unknown.
-    Quaternions that are none by their length are named.
     """
     T = rigid_transform(rotation_from_quaternion(values[:, 3:]), values[:, :3])
     starts_at_identity = np.allclose(T[0], np.eye(4), atol=1e-6)
-    lengths = np.linalg.norm(values[:, 3:], axis=1)
-    length = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 1.0
-    is_none = abs(length - 1) > QUATERNION_OFF
-    return Trajectory(
-        ("",) * len(T),
-        times_s,
-        T,
-        up="unknown" if starts_at_identity else "z",
-        notes=(f"{NOT_QUATERNIONS} (median length {length:.3g})",) if is_none else (),
-    )
+    return Trajectory(("",) * len(T), times_s, T, up="unknown" if starts_at_identity else "z")
 
 
 def _fields(line: str) -> list[str]:
