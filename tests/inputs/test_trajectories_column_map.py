@@ -44,11 +44,12 @@ def test_decimal_commas_between_semicolons(tmp_path: Path) -> None:
     assert read[1].timestamps_s.tolist() == [1000.5, 1001.5]
 
 
-def test_latitudes_that_cannot_be_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, NAV.replace("50,-10", "152,-23"), "nav.csv")
-    with pytest.raises(
-        InputError, match="latitudes reach 152 degrees: are latitude and longitude exchanged"
-    ):
+@pytest.mark.parametrize(
+    ("place", "what"), [("152,-23", "latitudes reach 152"), ("50,-1000", "longitudes reach 1000")]
+)
+def test_degrees_that_cannot_be_are_refused(tmp_path: Path, place: str, what: str) -> None:
+    path = write(tmp_path, NAV.replace("50,-10", place), "nav.csv")
+    with pytest.raises(InputError, match=f"{what} degrees: are latitude and longitude exchanged"):
         read_trajectory(spec(path, MAP))
 
 

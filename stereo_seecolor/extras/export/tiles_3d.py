@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from calibration.transforms import rigid_transform
 from stereo_seecolor.earth import (
     degrees_from_north_east,
@@ -88,7 +89,8 @@ def write(posed: PosedRun, folder: Path) -> str:
     (folder / "tileset.json").write_text(json.dumps(tileset, indent=2) + "\n", encoding="utf-8")
     is_known = posed.origin is None or posed.origin.depth_known
     depth = "" if is_known else f"; {DEPTH_UNKNOWN}"
-    return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {finest_is}{depth}"
+    tiles = f"{counted(len(boxes), 'tile')} in {counted(finest + 1, 'level')}"
+    return f"{tiles}; the finest: {finest_is}{depth}"
 
 
 def _finest_level(posed: PosedRun, surface: SimplifiedSurface) -> int:

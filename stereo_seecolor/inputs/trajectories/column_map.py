@@ -417,14 +417,17 @@ def _missing(columns: Mapping[str, str]) -> list[str]:
 
 
 def _check_degrees(table: Table, values: Mapping[str, Column]) -> None:
-    """Take out the place 0, 0. Raises InputError for latitudes that cannot be."""
+    """Take out the place 0, 0. Raises InputError for degrees that cannot be."""
     latitude_deg, longitude_deg = values["lat"], values["lon"]
-    if (np.abs(latitude_deg) > 90).any():
-        most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
-        raise InputError(
-            f"{table.lines.path}: {most}: are latitude and longitude exchanged, or meters or "
-            "minutes in that column?"
-        )
+    for what, degrees, limit in (
+        ("latitudes", latitude_deg, 90),
+        ("longitudes", longitude_deg, 360),
+    ):
+        if (np.abs(degrees) > limit).any():
+            raise InputError(
+                f"{table.lines.path}: {what} reach {np.nanmax(np.abs(degrees)):.6g} degrees: are "
+                "latitude and longitude exchanged, or meters or minutes in that column?"
+            )
     latitude_deg[(latitude_deg == 0) & (longitude_deg == 0)] = np.nan
 
 

@@ -323,6 +323,18 @@ def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
     assert "map/dem.tif" in item.assets and item.common_metadata.start_datetime is not None
 
 
+def test_a_catalog_says_of_frames_without_a_date_that_its_times_are_others(
+    fused: Path, tmp_path: Path
+) -> None:
+    export(fused, "stac", tmp_path / "to")
+    item = json.loads((tmp_path / "to" / f"{fused.name}.json").read_text())
+    assert item["properties"]["stereo-seecolor:undated"] is True
+    assert "the times are those of processing" in item["properties"]["description"]
+    whole = json.loads((tmp_path / "to" / "collection.json").read_text())
+    assert whole["extent"]["temporal"]["interval"] == [[None, None]]
+    assert whole["description"] == "1 dive of a stereo camera"
+
+
 def test_the_item_of_a_run_named_collection_stays_beside_the_collection(
     fused: Path, tmp_path: Path
 ) -> None:

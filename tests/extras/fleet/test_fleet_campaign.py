@@ -175,7 +175,7 @@ def test_a_dive_whose_numbers_or_map_are_not_right_is_not_done(
         "map": RunSummary((row("ok"),)),
         "good": RunSummary((row("ok"),)),
     }
-    navigation = SimpleNamespace(relative_poses=3, fits=False, blurred=False)
+    navigation = SimpleNamespace(relative_poses=3, fits=False, blurred=False, advice="in feet")
     mapped = MapSummary(5, 4, (2, 2), ("x",), (), 9, 1.0, (), navigation)
     monkeypatch.setattr(module, "run", lambda *given: made[given[3].name])
     monkeypatch.setattr(module, "fuse", lambda *_: mapped)
@@ -188,8 +188,7 @@ def test_a_dive_whose_numbers_or_map_are_not_right_is_not_done(
         ("some pairs failed", "1 file without a partner"),
         (
             "problems",
-            "1 of 5 frames are not in the map; the map is in 2 parts; the given poses contradict "
-            "the images",
+            "1 of 5 frames are not in the map; the map is in 2 parts; in feet",
         ),
         ("done", ""),
     ]
