@@ -79,7 +79,23 @@ def load_json(
     return content
 
 
-def load_yaml(text: str, loader: Any = yaml.SafeLoader, max_depth: int = MAX_DEPTH) -> Any:
+class SingleKeys(yaml.SafeLoader):
+    """PyYAML's safe loader; refuses a key that is given twice, of which it takes the last."""
+
+    def compose_mapping_node(self, anchor: dict[Any, yaml.Node]) -> yaml.MappingNode:
+        """Keys as they are written, before those of ``<<`` join them."""
+        node = super().compose_mapping_node(anchor)
+        known = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in known:
+                raise yaml.MarkedYAMLError(
+                    problem=f"{key.value!r} is given twice, keep one:", problem_mark=key.start_mark
+                )
+            known.add(key.value if isinstance(key, yaml.ScalarNode) else None)
+        return node
+
+
+def load_yaml(text: str, loader: Any = SingleKeys, max_depth: int = MAX_DEPTH) -> Any:
     """The content of YAML text. loader: a safe one.
 
     Its events are looked at first: composing deep nesting overflows the stack of the C loader.

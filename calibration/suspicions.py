@@ -11,6 +11,7 @@ from calibration.transforms import inverse, is_backward
 # what is unusual in a rig, though possible
 # of the image: no lens is mounted that far off; K of half the resolution gives 0.25
 CENTER_OFFSET = 0.2
+CORNER_OFFSET = 0.05  # of the image, from its first pixel; K of a tenth of the resolution gives it
 ASPECT = 0.05  # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
 FOCAL_OF_WIDTH = (0.2, 10.0)  # 136 degrees across, and 6
 FOCAL_RATIO = (0.8, 1.25)  # left to right: pairs are made of equal lenses
@@ -99,10 +100,15 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
     width, height = camera.image_size
     if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > CENTER_OFFSET:
+        reason = (
+            "it seems to be counted from the center: add half of the width and height"
+            if max(abs(cx) / width, abs(cy) / height) < CORNER_OFFSET
+            else "K may belong to another resolution, or to larger images that these are cut out "
+            f"of (about {2 * cx:.0f}x{2 * cy:.0f})"
+        )
         found.append(
             f"{side}: the principal point ({cx:.0f}, {cy:.0f}) is far from the center of "
-            f"{width}x{height} px: K may belong to another resolution, or to larger images that "
-            f"these are cut out of (about {2 * cx:.0f}x{2 * cy:.0f})"
+            f"{width}x{height} px: {reason}"
         )
     if abs(fx / fy - 1) > ASPECT:
         found.append(

@@ -25,6 +25,7 @@ from stereo_seecolor.color.render.carried_colors import inside_right_image
 from stereo_seecolor.color.render.open_water import without_open_water
 from stereo_seecolor.color.response.measure import measure_response
 from stereo_seecolor.color.response.response import Response, standard_config
+from stereo_seecolor.color.response.unshifted import unshifted_warning
 from stereo_seecolor.color.sharing.survey import SlidingFitter
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.white_point import DOUBT
@@ -33,7 +34,6 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.device import make_corrector, make_matcher, make_rectifier, memory_of
 from stereo_seecolor.errors import ColorError, MatchingError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.file_form import unshifted_warning
 from stereo_seecolor.inputs.frame_reader import FrameReader
 from stereo_seecolor.inputs.images import as_image, read_image
 from stereo_seecolor.inputs.opened_paths import open_around
@@ -286,7 +286,7 @@ class Pipeline:
 
     def _unshifted(self, frame: StereoFrame) -> list[str]:
         """Warnings of a frame that came without a dive: those of files were scaled."""
-        if self.config.input.significant_bits is None or frame.left.dtype != np.uint16:
+        if self.config.input.significant_bits is None:
             return []
         self._brightest = max(self._brightest, int(frame.left.max()), int(frame.right.max()))
         warning = unshifted_warning(frame.left, self._brightest)

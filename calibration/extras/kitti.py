@@ -10,6 +10,7 @@ from dataclasses import replace
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
+from calibration.formats.reading.finder import find
 from calibration.formats.reading.section import Section, naming
 from calibration.formats.ros import rectified_rig, transform_of_projections
 from calibration.rig import COLOR_TAKEN, GRAY_TAKEN, Camera, StereoRig
@@ -19,11 +20,12 @@ Size = tuple[int, int]
 
 
 def matches(document: Section) -> bool:
-    """True for either file."""
-    return any(
-        document.has(f"P{a}", f"P{b}") or document.has(f"P_rect_0{a}", f"P_rect_0{b}")
-        for a, b in (COLOR, GRAY)
+    """True for either file, but not for K0 D0 K1 D1 with what rectification makes of them."""
+    raw, rectified = (
+        any(document.has(prefix + a, prefix + b) for a, b in (COLOR, GRAY))
+        for prefix in ("P_rect_0", "P")
     )
+    return raw or (rectified and find(document.content).pair("K") is None)
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:

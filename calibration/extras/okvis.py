@@ -38,7 +38,7 @@ def matches(document: Section) -> bool:
 
 def is_lens(document: Section) -> bool:
     """Tell whether the document is one lens of CamOdoCal."""
-    return document.has("model_type")
+    return document.has("model_type", "projection_parameters")
 
 
 def refuse_lenses(left: Section, right: Section) -> StereoRig:

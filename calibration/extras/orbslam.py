@@ -5,6 +5,7 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.formats.calibration_format import RigFormat
 from calibration.formats.cameras import make_camera
+from calibration.formats.reading.finder import find
 from calibration.formats.reading.section import Section
 from calibration.formats.ros import transform_of_projections
 from calibration.geometry import camera_matrix
@@ -15,8 +16,12 @@ Size = tuple[int, int]
 
 
 def matches(document: Section) -> bool:
-    """True for either generation."""
-    return any(document.has(f"{camera}.fx") for camera in ("Camera", "Camera1")) or document.has(
+    """True for either generation, but not for settings beside which K1 D1 K2 D2 R T of the images
+    before rectification stand under names of another tool.
+    """
+    if document.has("Camera.fx") and not document.has("Camera2.fx") and not document.has("LEFT.K"):
+        return find(document.content).pair("K") is None
+    return any(map(document.has, ("Camera.fx", "Camera1.fx"))) or document.has(
         "LEFT.K", "LEFT.R", "RIGHT.K"
     )
 

@@ -15,6 +15,7 @@ from calibration.files import write_atomic
 from calibration.formats import colmap, kalibr, matlab, native, opencv, rectified, ros
 from calibration.formats.calibration_format import CameraFormat, RigFormat, added_formats
 from calibration.formats.reading.document import load_document
+from calibration.formats.reading.finder import find
 from calibration.formats.reading.rig_files import calibration_files, left_first, merged
 from calibration.formats.reading.section import Section, naming
 from calibration.resizing import refuse_other_resolution
@@ -259,6 +260,11 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
     if len(files) > 1:
         raise CalibrationError(
             f"contains only file names, such as {files[0]}: give the folder with these"
+        )
+    if find(document.content).get("baseline"):
+        raise CalibrationError(
+            "contains a baseline and no camera matrix: add the fx, fy, cx and cy of the rectified "
+            "images, in pixels"
         )
     keys = ", ".join(map(repr, list(document.content)[:6]))
     raise CalibrationError(

@@ -29,6 +29,8 @@ DISTORTION_MODELS: dict[str, CameraModel] = {
     "radtan": "pinhole",
     "equidistant": "fisheye",
     "none": "pinhole",
+    "plumb_bob": "pinhole",  # these two of ROS, in chains that other tools write
+    "rational_polynomial": "pinhole",
 }
 
 
@@ -109,7 +111,8 @@ def _parse_camera(section: Section) -> Camera:
             "or equidistant"
         )
     K = camera_matrix(*section.numbers("intrinsics", 4))
-    distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", 4)
+    count = [4] if name in ("radtan", "equidistant") else []
+    distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", *count)
     return make_camera(
         section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name]
     )

@@ -6,6 +6,7 @@ mapping or a file a camera, R and T or one transform, a pose for each camera, or
 rectification. OpenCV's own files store no image size.
 """
 
+import re
 from pathlib import Path
 
 import cv2
@@ -13,14 +14,15 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.cameras import make_camera
+from calibration.formats.matlab import DOCUMENTED, TRANSPOSED
 from calibration.formats.reading.aliases import words_for
 from calibration.formats.reading.finder import Parts, Role, Side, describe_miscount, find
-from calibration.formats.reading.leaves import texts, words
+from calibration.formats.reading.leaves import keys, texts, words
 from calibration.formats.reading.poses import Pose, has_pose, pose_in_meters
 from calibration.formats.reading.section import Section, naming
 from calibration.geometry import camera_matrix
 from calibration.rig import Camera, CameraModel, StereoRig
-from calibration.transforms import inverse, is_backward
+from calibration.transforms import inverse, is_backward, rigid_transform
 
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
@@ -28,10 +30,16 @@ FORWARD = "the transform maps left to right axes"
 BACKWARD = "the transform maps right to left axes"
 FROM_CAMERA = "the poses of the two cameras map from their axes"
 INTO_CAMERA = "the poses of the two cameras map into their axes"
+MATLABS_R = "RotationOfCamera2"
+"""For row vectors, unless who wrote it outside MATLAB transposed it as the camera matrices."""
 LEAST_SIDE_PX = 16
 """A size of less is of a board's corners."""
 NEARER = 0.5
 """A size whose middle is nearer by this to the exchanged principal point is (rows, columns)."""
+MIRROR = re.compile(r"xi(?:[ _.]?(?:[lr012]|left|right))?", re.IGNORECASE)
+"""The parameter that only lenses of the omnidirectional model have."""
+SAME = 1e-3
+"""Relative difference of numbers that were printed twice, with other numbers of decimals."""
 SIDES: tuple[Side, ...] = ("", "left", "right")
 Size = tuple[int, int]
 
@@ -60,6 +68,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     CalibrationError.
     """
     document = _of_one_rig(document)
+    _named_models(document)
     parts = find(document.content)
     if parts.many:
         raise CalibrationError(
@@ -99,16 +108,17 @@ def _read_all_ways(
     none. Raises CalibrationError if none is a rig.
     """
     rms_px = document.number("rms_error_stereo") if document.has("rms_error_stereo") else None
+    doubts = (*pose.doubts, *_contradictions(parts, pose))
     rigs: list[StereoRig] = []
     refused: list[CalibrationError] = []
     for text, model in _models(document, parts, pose):
         cameras = _cameras(document, parts, model, image_size)
-        for reading, T_right_left in _senses(pose):
+        for reading, T_right_left in _senses(pose, parts):
             said = ", ".join(filter(None, (text, reading)))
             try:
                 with naming(document.where):
                     rig = StereoRig(
-                        *cameras, T_right_left, rms_px=rms_px, doubts=pose.doubts, reading=said
+                        *cameras, T_right_left, rms_px=rms_px, doubts=doubts, reading=said
                     )
                 rigs.append(rig)
             except CalibrationError as error:
@@ -141,7 +151,8 @@ def _of_one_rig(document: Section) -> Section:
         return document
     rig = _of_one_rig(Section(document.where, mappings[raw[0]]))
     kept = {key: value for key, value in document.content.items() if key not in rigs}
-    return Section(document.where, kept | {raw[0]: rig.content})
+    # first, so that nothing of another rig, half given, comes before it
+    return Section(document.where, {raw[0]: rig.content} | kept)
 
 
 def _refuse_miscounted(document: Section) -> None:
@@ -150,19 +161,63 @@ def _refuse_miscounted(document: Section) -> None:
         raise CalibrationError(f"{document.where}: {said}: compare it with the file of the tool")
 
 
+def _contradictions(parts: Parts, pose: Pose) -> list[str]:
+    """Name each part that the file gives twice, with other numbers."""
+    of_camera: dict[Role, str] = {"K": "camera matrices", "D": "distortions"}
+    roles = [
+        (role, side, f"{what} of the {side} camera")
+        for role, what in of_camera.items()
+        for side in SIDES[1:]
+    ]
+    if (T := parts.get("T")) and pose.key == ".".join(T.path):
+        roles.append(("R", "", "rotations"))
+    found = []
+    for role, side, what in roles:
+        used = parts.get(role, side)
+        for other in parts.table.get((role, side), []):
+            if used and not _alike(role, used.numbers, other.numbers):
+                names = [".".join(leaf.path) for leaf in (used, other)]
+                found.append(f"contains two {what}, {names[0]} and {names[1]}: {names[0]} is used")
+    counts = [leaf.numbers.size for leaf in parts.pair("D") or ()]
+    if len({*counts}) > 1:
+        found.append(
+            f"contains {counts[0]} coefficients of distortion for the left camera and {counts[1]} "
+            "for the right one: is one missing?"
+        )
+    return found
+
+
+def _alike(role: Role, numbers: np.ndarray, others: np.ndarray) -> bool:
+    """Tell whether the numbers of two leaves are the same part, printed twice."""
+    if role == "R":
+        if 4 in (numbers.size, others.size):
+            return True
+        both = [cv2.Rodrigues(one)[0] if one.size == 3 else one for one in (numbers, others)]
+    elif role == "K":
+        both = [_matrix(one) for one in (numbers, others)]
+    else:
+        size = max(numbers.size, others.size)
+        both = [np.pad(one, (0, size - one.size)) for one in (numbers, others)]
+    return bool(np.allclose(both[0].ravel(), both[1].ravel(), rtol=SAME, atol=SAME))
+
+
 def _alone(parts: Parts, role: Role) -> str:
     """The key of the one leaf of a role; "" for none, and for one on either side."""
     found = [leaf for side in SIDES if (leaf := parts.get(role, side))]
     return ".".join(found[0].path) if len(found) == 1 else ""
 
 
-def _senses(pose: Pose) -> list[tuple[str, np.ndarray]]:
+def _senses(pose: Pose, parts: Parts) -> list[tuple[str, np.ndarray]]:
     """The transform, and where its sense is open the other one, before it where the first would put
     the right camera to the left.
     """
     if pose.other is not None:
         senses = [(INTO_CAMERA if pose.is_into else FROM_CAMERA, pose.T)]
         return [*senses, (FROM_CAMERA if pose.is_into else INTO_CAMERA, pose.other)]
+    R = parts.get("R") or parts.get("R", "right")
+    if R is not None and R.path[-1] == MATLABS_R:
+        documented = rigid_transform(pose.T[:3, :3].T, pose.T[:3, 3])
+        return [(TRANSPOSED, pose.T), (DOCUMENTED, documented)]
     if pose.is_open and is_backward(pose.T):
         return [(BACKWARD, inverse(pose.T)), (FORWARD, pose.T)]
     return [("", pose.T)]
@@ -220,19 +275,29 @@ def size_of(
     return document.needed_size(image_size)
 
 
-def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
-    """The models that the file can mean: four coefficients alone are k1 k2 p1 p2 or a fisheye's."""
+def _named_models(document: Section) -> set[str]:
+    """The lens models that the file names, without underscores. Raises CalibrationError for one
+    that OpenCV has not.
+    """
     named = {
-        str(text).lower().replace("_", "")
+        str(text).lower().replace("_", "").replace("-", "")
         for said, text in texts(document.content)
         if {"model", "type"} & set(said)
     }
     others = words_for(named, "other lens")
+    if any(map(MIRROR.fullmatch, keys(document.content))):
+        others |= {"omni"}
     if others:
         raise CalibrationError(
             f"{document.where}: the lens model {min(others)!r} is not supported: calibrate with "
             "OpenCV's pinhole or fisheye"
         )
+    return named
+
+
+def _models(document: Section, parts: Parts, pose: Pose) -> list[tuple[str, CameraModel]]:
+    """The models that the file can mean: four coefficients alone are k1 k2 p1 p2 or a fisheye's."""
+    named = _named_models(document)
     distortions = parts.pair("D") if parts.pair("K") else None
     if distortions is None:
         if parts.pair("K") and not np.array_equal(pose.T[:3, :3], np.eye(3)):

@@ -29,8 +29,8 @@ DISTORTION_MODELS: dict[str, CameraModel] = {
 
 
 def matches(document: Section) -> bool:
-    """True for one camera's camera_info."""
-    return (
+    """True for one camera's camera_info, which states its size."""
+    return (document.has("image_width") or document.has("width")) and (
         document.has("projection_matrix", "camera_matrix")
         or document.has("P", "K", "D")
         or document.has("p", "k", "d")
@@ -75,6 +75,8 @@ def check_sides_named(rig: StereoRig, names: list[str]) -> None:
         )
 
 
+ROUNDED = 1e-6
+"""Of a projection matrix, where it is zero."""
 TURNED = np.diag([-1.0, -1.0, 1.0])
 
 
@@ -95,6 +97,11 @@ def transform_of_projections(rotations: list[Array], projections: list[Array]) -
         raise CalibrationError(
             "a projection matrix has no focal length, or one of another sign across than down: "
             "calibrate the two cameras as a stereo pair"
+        )
+    if any(np.abs(P[[1, 2, 2], [0, 0, 1]]).max() > ROUNDED for P in projections):
+        raise CalibrationError(
+            "a projection matrix contains a rotation, as K [R t] does: it must be that of a "
+            "rectified image, [f 0 cx tx; 0 f cy ty; 0 0 1 0]"
         )
     rotations = [
         (TURNED @ R if P[0, 0] < 0 else R) for R, P in zip(rotations, projections, strict=True)

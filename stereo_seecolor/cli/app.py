@@ -77,7 +77,16 @@ class _PlainFlags:
 
 
 class _Command(_PlainFlags, TyperCommand):
-    pass
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse a value that is given twice: the first folder of two would be left out unsaid."""
+        given = [word.partition("=")[0] for word in args]
+        for param in self.get_params(ctx):
+            names = [name for name in param.opts if name.startswith("--")]
+            if sum(map(given.count, names)) > 1 and not (
+                getattr(param, "multiple", False) or getattr(param, "is_flag", False)
+            ):
+                raise typer.BadParameter(f"{names[0]} is given twice: give it once", ctx)
+        return list(super().parse_args(ctx, args))
 
 
 class _Group(_PlainFlags, TyperGroup):

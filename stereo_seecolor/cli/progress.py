@@ -3,6 +3,7 @@
 import time
 
 from stereo_seecolor.cli.output import write_error
+from stereo_seecolor.cli.text import lines
 from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.records import FrameRow
 
@@ -30,7 +31,7 @@ class PlainLines:
         self._done += 1
         now_s = time.monotonic()
         if row.status == "failed":
-            write_error(f"{row.line}\n")
+            write_error(lines(row.line))
         if self._done == self._total or now_s - self._reported_s >= LINE_EVERY_S:
             self._reported_s = now_s
             write_error(

@@ -13,6 +13,7 @@ import typer
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED, is_known, message_of
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.output import write_error, write_out
+from stereo_seecolor.cli.text import lines
 from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.plugins import added, load
@@ -102,7 +103,7 @@ class Report:
         kind = self._kind()
         if kind != "none":
             write_error(
-                json_line({"event": "notice", "text": line}) if kind == "json" else f"{line}\n"
+                json_line({"event": "notice", "text": line}) if kind == "json" else lines(line)
             )
 
     def say(self, text: str) -> None:
@@ -124,7 +125,7 @@ class Report:
         problems = list(_wrong_lines(runs))
         for line in problems:
             log.warning(line)
-            write_error(f"note: {line}\n")
+            write_error(lines(f"note: {line}"))
         exit_code = exit_code or (EXIT_SOME_FAILED if self.unwritten or problems else EXIT_DONE)
         write_out(
             json_line({"command": self.command, "exit_code": exit_code, **content})

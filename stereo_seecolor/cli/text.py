@@ -3,13 +3,15 @@
 import io
 from collections.abc import Iterable, Sequence
 
-_WIDEST = 10_000
+from stereo_seecolor.errors import printable
+
+_WIDEST = 1_000_000
 """Width of a line: more than any table has. A terminal's would cut the names of frames."""
 
 
 def lines(*texts: str) -> str:
-    """The texts, each on a line of its own."""
-    return "".join(f"{text}\n" for text in texts)
+    """The texts, each on a line of its own, whatever names they hold."""
+    return "".join(f"{printable(text)}\n" for text in texts)
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -20,7 +22,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
     drawn = Table(*columns, box=None, header_style="")
     for row in rows:
-        drawn.add_row(*(Text(cell) for cell in row))
+        drawn.add_row(*(Text(printable(cell)) for cell in row))
     text = io.StringIO()
     Console(file=text, width=_WIDEST, color_system=None).print(drawn)
     return lines(*(line.rstrip() for line in text.getvalue().splitlines()))

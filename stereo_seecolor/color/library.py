@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.tone import choose
 from stereo_seecolor.color.response.response import Response, standard_config
+from stereo_seecolor.color.response.unshifted import unshifted_warning
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_bins import range_edges_m
 from stereo_seecolor.config import ColorConfig
@@ -45,8 +46,11 @@ def fit(
     """
     corrector, images, ranges = _standard(image, range_m, config)
     if len(images) == 1:
-        return corrector.fit_frame(images[0], ranges[0], start)
-    return Corrector(corrector.config.of_dive()).fit(_table(corrector, images, ranges), start)
+        water = corrector.fit_frame(images[0], ranges[0], start)
+    else:
+        of_dive = Corrector(corrector.config.of_dive())
+        water = of_dive.fit(_table(corrector, images, ranges), start)
+    return replace(water, warnings=(*water.warnings, *_doubts(image)))
 
 
 def correct(
@@ -82,7 +86,16 @@ def correct(
         corrector.apply(one, range_of_one, water, exposure=exposure, highlights=highlights)
         for one, range_of_one in zip(images, ranges, strict=True)
     ]
-    return _like(image, frames)
+    found = _like(image, frames)
+    return replace(found, warnings=(*found.warnings, *_doubts(image)))
+
+
+def _doubts(image: Any) -> tuple[str, ...]:
+    """What is said of the values of an image or batch that is not empty."""
+    images = _array(image)
+    rows = images.reshape(-1, *images.shape[-2:])  # those of a batch one below the other
+    warning = unshifted_warning(rows, int(rows.max()))
+    return (warning,) if warning else ()
 
 
 def _standard(
@@ -98,10 +111,7 @@ def _standard(
 
 def _frames(image: Any, range_m: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     """(N, H, W, 3) and (N, H, W) numpy arrays, N = 1 for a single frame."""
-    images, ranges = (
-        part.detach().cpu().numpy() if _is_tensor(part) else np.asarray(part)
-        for part in (image, range_m)
-    )
+    images, ranges = _array(image), _array(range_m)
     if (
         images.ndim not in (3, 4)
         or images.shape[-1] != 3
@@ -150,6 +160,10 @@ def _like(image: Any, frames: list[Correction]) -> Correction:
     clipped = float(np.mean([frame.clipped_fraction for frame in frames]))
     warnings = tuple(dict.fromkeys(warning for frame in frames for warning in frame.warnings))
     return replace(frames[0], **maps, clipped_fraction=clipped, warnings=warnings)
+
+
+def _array(value: Any) -> NDArray[Any]:
+    return np.asarray(value.detach().cpu().numpy() if _is_tensor(value) else value)
 
 
 def _is_tensor(value: Any) -> bool:

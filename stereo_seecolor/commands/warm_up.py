@@ -68,10 +68,7 @@ def _call(name: str) -> None:
 
 
 def warm_up_fit() -> None:
-    """Compile the kernels of decoding, counting, cloud and page; load those of fitting."""
-    from stereo_seecolor.report.plane_code import coded
-    from stereo_seecolor.report.range_code import range_codes
-
+    """Compile the kernels of decoding, counting and cloud; load those of fitting."""
     image, range_m = _noise()
     quickly_decoded(cv2.imencode(".png", image)[1].tobytes())
     corrector = Corrector()
@@ -83,7 +80,6 @@ def warm_up_fit() -> None:
         RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays,
         image,
     )
-    coded(range_codes(range_m, range_m)[0])
 
 
 def warm_up_correction() -> None:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
-from calibration.bounded_text import YAML_ERRORS, TooMuchError, load_json, load_yaml
+from calibration.bounded_text import YAML_ERRORS, SingleKeys, TooMuchError, load_json, load_yaml
 from stereo_seecolor.config import RobustConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
 from stereo_seecolor.files.text_documents import read_text
@@ -91,7 +90,7 @@ RENAMED = {
 """Settings of earlier versions -> what has replaced them."""
 
 
-class _SettingsLoader(yaml.SafeLoader):
+class _SettingsLoader(SingleKeys):
     """YAML 1.1 as PyYAML reads it, and 1e-3 is a number as in YAML 1.2."""
 
 
@@ -241,7 +240,22 @@ def _read(path: Path) -> _Content:
             f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a "
             f"{type(content).__name__}"
         )
-    return content
+    return _with_sections(content, RunConfig)
+
+
+def _with_sections(content: _Content, model: type[BaseModel]) -> _Content:
+    """Sections of which no line is left, or only comments, are empty."""
+    models = {
+        name: type(field.default)
+        for name, field in model.model_fields.items()
+        if isinstance(field.default, BaseModel)
+    }
+    return {
+        name: _with_sections(value or {}, models[name])
+        if name in models and (value is None or isinstance(value, dict))
+        else value
+        for name, value in content.items()
+    }
 
 
 def _parsed(text: str) -> Any:

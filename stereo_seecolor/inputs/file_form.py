@@ -5,15 +5,12 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import mode
 
-import numpy as np
-
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.image_headers import is_finished_color
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
 from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.records import Image
 
 UNSHIFTED = (10, 12, 14)
 """Bits of the sensors whose values lie at the lower end of 16-bit files."""
@@ -75,19 +72,3 @@ def stored_notes(given: InputConfig, config: InputConfig) -> tuple[str, ...]:
             f"input: the 16-bit images hold {config.significant_bits} bits, which are scaled to 16"
         )
     return tuple(notes)
-
-
-def unshifted_warning(image: Image, brightest: int) -> str:
-    """Say that an image of uint16 looks as those of a camera of 10 or 12 bits do; "" where not.
-
-    brightest: value of all images so far, since one may be dark. Of what the last four bits hold,
-    shifted values and those that were scaled from fewer bits leave out most.
-    """
-    bits = next((bits for bits in UNSHIFTED[:2] if brightest < 1 << bits), 16)
-    if bits == 16 or len(np.unique(image[::4, ::4] & 15)) < 8:
-        return ""
-    return (
-        f"values of 16 bits up to {brightest} only: if the camera has {bits} bits, multiply them "
-        f"by {1 << 16 - bits} (of files: input.significant_bits={bits}); if the scene is so dark, "
-        "set input.significant_bits=none"
-    )

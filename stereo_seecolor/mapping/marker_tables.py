@@ -88,7 +88,8 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
                 f"{where}: bar {first}-{second} has two lengths, {known_m:g} and {length_m:g} m: "
                 "leave one"
             )
-        bars[first, second] = length_m
+        if (second, first) not in bars:
+            bars[first, second] = length_m
     return bars
 
 

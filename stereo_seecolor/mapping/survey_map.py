@@ -89,9 +89,7 @@ class MapSummary:
                 self.missing_fraction > MISSING_FRACTION
             ),
             "the given poses could not be tested": poses and not poses.relative_poses,
-            "the given poses contradict the images": poses
-            and poses.relative_poses
-            and not poses.fits,
+            poses.advice if poses else "": poses and poses.relative_poses and not poses.fits,
             "the given poses put one place more than a voxel apart": poses and poses.blurred,
             "given markers cannot be right": markers and (markers.refused or markers.doubled),
         }

@@ -19,7 +19,7 @@ from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.files.whole_files import read_bytes
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
-from stereo_seecolor.report.plane_code import coded
+from stereo_seecolor.report.number_code import coded
 from stereo_seecolor.report.range_code import range_codes, std_codes
 from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -27,7 +27,7 @@ from stereo_seecolor.run_folder.layout import RIG, page_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.pair_files import Files
 
-FORMAT = "6"
+FORMAT = "7"
 """Version of the files of a frame; increased when their content changes."""
 OVERLAY_STEP_PX = 2
 """Confidence and mask are only shown, so that every second pixel of every second row suffices."""
@@ -144,7 +144,6 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
         "width": range_m.shape[1],
         "step_per_m": step_per_m,
         "ranges": coded(codes),
-        "known": coded(codes >= 0),
         "std": coded(std_codes(std_m)),
         "confidence": coded(_sixteenths(confidence[every])),
         "mask": coded(frame.read("mask")[every]),

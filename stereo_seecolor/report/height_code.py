@@ -8,7 +8,7 @@ import numpy as np
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.plane_code import UNKNOWN, coded
+from stereo_seecolor.report.number_code import coded
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 
 
@@ -27,22 +27,21 @@ HEIGHT_CODE = HeightCode()
 
 
 def coded_heights(heights_m: Map) -> dict[str, Any]:
-    """A script with a tile (H, W) of heights, NaN where unknown, its lowest height and step."""
+    """A tile (H, W) of heights, NaN where unknown, for a script: a height is low_m + (code - 1) *
+    step_m, a code of 0 is unknown.
+    """
     known = np.isfinite(heights_m)
     low_m, high_m = (
         (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
     )
     step_m = max(HEIGHT_CODE.step_m, (high_m - low_m) / 65535)
-    codes = np.where(
-        known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), UNKNOWN
-    ).astype(np.int32)
+    codes = np.where(known, 1 + np.rint((heights_m.astype(np.float64) - low_m) / step_m), 0)
     return {
         "height": heights_m.shape[0],
         "width": heights_m.shape[1],
         "low_m": low_m,
         "step_m": step_m,
-        "heights": coded(codes),
-        "known": coded(known),
+        "heights": coded(codes.astype(np.int32)),
     }
 
 

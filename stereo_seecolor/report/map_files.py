@@ -29,7 +29,7 @@ from stereo_seecolor.run_folder.layout import GAPS, MAP, MESH, MOSAIC, PAGE, TER
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "13"
+FORMAT = "14"
 FOLDER = f"{PAGE}/map"
 RASTERS = {MOSAIC: 4, TERRAIN: 1, GAPS: 1}
 """Of the map that the page shows, with their bands."""

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.deflate import deflated_runs
-from stereo_seecolor.report.mesh_code import Walk
+from stereo_seecolor.report.number_code import coded
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,6 @@ corals.
 
 SIZES = MeshSizes()
 
-COLORS = 256 // SIZES.color_step
-
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -52,35 +49,32 @@ class Piece:
 
     def packed(self, step_m: float) -> dict[str, Any]:
         """The piece as the page reads it."""
-        walk = Walk.over(self.triangles)
-        colors = packed_colors(self.colors, self.rim, walk)
-        return packed_surface(self.points_m, self.triangles, walk, step_m) | {"colors": colors}
+        colors = packed_colors(self.colors, self.rim)
+        return packed_surface(self.points_m, self.triangles, step_m) | {"colors": colors}
 
 
 def packed_surface(
-    points_m: NDArray[np.float32], triangles: NDArray[np.int64], walk: Walk, step_m: float
+    points_m: NDArray[np.float32], triangles: NDArray[np.int64], step_m: float
 ) -> dict[str, Any]:
-    """Vertices (N, 3) and triangles (T, 3), over which the walk goes, as the page reads them."""
+    """Vertices (N, 3) and triangles (T, 3) as the page reads them."""
     # steps of one grid for all tiles: what two of them share stays in one place, without cracks
     steps = np.rint(points_m.astype(np.float64) / step_m).astype(np.int64)
     low = steps.min(axis=0)
-    return walk.packed() | {
-        "vertices": len(walk.vertex),
-        "triangles": len(triangles),
+    return {
         "low_m": [float(value) for value in low * step_m],
         "step_m": [step_m] * 3,
-        "positions": walk.packed_values(steps - low),
+        "positions": coded((steps - low).T),
+        "corners": coded(triangles, repeats=True),
     }
 
 
-def packed_colors(colors: NDArray[np.uint8], rim: NDArray[np.bool_], walk: Walk) -> bytes:
+def packed_colors(colors: NDArray[np.uint8], rim: NDArray[np.bool_]) -> bytes:
     """Colors (N, 3) as the page reads them, in steps; darker where the mesh ends (N,). Red and blue
     as their differences from green, with which they vary.
     """
     shaded = np.where(rim[:, None], np.maximum(colors.astype(np.int64) - RIM_SHADE, 0), colors)
     red, green, blue = (shaded // SIZES.color_step).T
-    steps = walk.differences(np.stack([red - green, green, blue - green], axis=1))
-    return deflated_runs((steps % COLORS).astype(np.uint8).tobytes())
+    return coded(np.stack([red - green, green, blue - green]))
 
 
 def middles(points_m: NDArray[np.float32], triangles: NDArray[np.int64]) -> NDArray[np.float32]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.process import return_freed
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.report.map_mesh import RIM_SHADE, SIZES, Piece, box, packed_surface
-from stereo_seecolor.report.mesh_code import Walk
 from stereo_seecolor.report.mesh_levels import Level, Numbered, Place, below, tile_edge_m
+from stereo_seecolor.report.number_code import coded
 from stereo_seecolor.run_folder.posed_run import PosedRun
 from stereo_seecolor.texture.painting import PageMesh
 from stereo_seecolor.texture.surface import PaintedSurface
@@ -126,13 +126,12 @@ def _packed(
 
 
 def _page(piece: Piece, step_m: float, mesh: PageMesh, pixels: NDArray[np.uint8]) -> dict[str, Any]:
-    walk = Walk.over(mesh.triangles)
     size = pixels.shape[1::-1]
     flags = [cv2.IMWRITE_JPEG_QUALITY, TEXTURES.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
     jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
     texels = np.rint(mesh.uv * np.array(size, np.float32) * TEXTURES.steps_per_texel)
-    return packed_surface(piece.points_m[mesh.vertex], mesh.triangles, walk, step_m) | {
-        "uv": walk.packed_values(texels.astype(np.int64)),
+    return packed_surface(piece.points_m[mesh.vertex], mesh.triangles, step_m) | {
+        "uv": coded(texels.astype(np.int32).T),
         "uv_steps": TEXTURES.steps_per_texel,
         "size": size,
         "jpeg": jpeg,

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
-from stereo_seecolor.report.plane_code import UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -29,8 +27,8 @@ RANGE_CODE = RangeCode()
 
 def range_codes(range_m: Map, std_m: Map) -> tuple[NDArray[np.int32], float]:
     """Codes of ranges (H, W), NaN where unknown, with standard errors (H, W); and their step, per
-    meter: a range is 1 / (code * step). It is coarser if the standard errors allow it, or the
-    nearest range requires it.
+    meter: a range is 1 / (code * step), a code of 0 is unknown. The step is coarser if the standard
+    errors allow it, or the nearest range requires it.
     """
     nearest_m = float(np.min(range_m, where=range_m > 0, initial=np.inf))
     some = np.s_[:: RANGE_CODE.std_block_px, :: RANGE_CODE.std_block_px]
@@ -38,19 +36,9 @@ def range_codes(range_m: Map, std_m: Map) -> tuple[NDArray[np.int32], float]:
     usual = inverse_std[np.isfinite(inverse_std)]
     allowed = RANGE_CODE.of_std * float(np.median(usual)) if usual.size else 0.0
     step = max(RANGE_CODE.step_per_m, allowed, 1 / (65535 * nearest_m))
-    codes = np.empty(range_m.shape, np.int32)
-    _code(range_m, step, codes)
-    return codes, step
-
-
-@compiled
-def _code(range_m, step, codes):  # type: ignore[no-untyped-def]
-    """Fill ``codes`` with those of ranges."""
-    height, width = range_m.shape
-    for row in range(height):
-        for column in range(width):
-            meters = range_m[row, column]
-            codes[row, column] = np.int32(np.rint(1 / (meters * step))) if meters > 0 else UNKNOWN
+    codes = np.zeros(range_m.shape)
+    np.divide(1 / step, range_m, out=codes, where=range_m > 0)
+    return np.rint(codes).astype(np.int32), step
 
 
 def std_codes(range_std_m: Map) -> NDArray[np.uint8]:

@@ -180,6 +180,7 @@ class FinishedRun:
         made: When, as ISO 8601.
         libraries: Versions by name.
         command_line: The command line of the run.
+        working_directory: From where it was run: relative paths of its inputs start there.
     """
 
     root: Path
@@ -196,6 +197,7 @@ class FinishedRun:
     libraries: dict[str, str | None]
     command_line: tuple[str, ...]
     unfinished: tuple[str, ...] = ()
+    working_directory: Path = Path()
 
     @property
     def water_file(self) -> Path:
@@ -316,6 +318,7 @@ def open_run(out: str | Path) -> FinishedRun:
         made=content["date"],
         libraries=content["libraries"],
         command_line=tuple(content["command_line"]),
+        working_directory=Path(content["working_directory"]),
     )
 
 

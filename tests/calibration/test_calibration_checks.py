@@ -238,6 +238,10 @@ SUSPECT = {
         _changed(K=K * [[0.5], [0.5], [1]]),
         "or to larger images that these are cut out of (about 652x470)",
     ),
+    "counted from the center": (
+        _changed(K=K - [[0, 0, 640], [0, 0, 480], [0, 0, 0]]),
+        "it seems to be counted from the center: add half of the width and height",
+    ),
     "not square": (_changed(K=K * [[1.2], [1], [1]]), "pixels are usually square"),
     "focal length": (
         _changed(K=K * [[0.1, 1, 1], [1, 0.1, 1], [1, 1, 1]]),

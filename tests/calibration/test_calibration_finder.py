@@ -456,15 +456,20 @@ def test_anipose_toml_and_krtd(tmp_path: Path) -> None:
 
 
 def test_a_report_for_people(tmp_path: Path) -> None:
-    matrices = {"ROTATION MATRIX (R)": R, "TRANSLATION VECTOR (T)": T * 1000}
+    matrices = {"ROTATION MATRIX (R)": R, "TRANSLATION VECTOR (T) [mm]": T * 1000}
     for side, camera in (("LEFT", RIG.left), ("RIGHT", RIG.right)):
         matrices |= {f"{side} CAMERA MATRIX": camera.K, f"{side} DISTORTION": camera.distortion}
     with np.printoptions(precision=12):
-        text = "STEREO REPORT\n=====\nSquare size: 30 mm\n\n" + "".join(
+        text = "=== STEREO REPORT ===\n=====\nSquare size: 30 mm\n\n" + "".join(
             f"{name}:\n{M}\n\n" for name, M in matrices.items()
         )
-    (tmp_path / "report.txt").write_text(text)
-    assert_same(load_rig(tmp_path / "report.txt", SIZE), 1e-9)
+    more = (
+        "IMAGE SIZE (width x height):\n640 480\n\n=== MORE ===\nPitch, yaw [degrees]: -0.1, 0.2\n"
+    )
+    (tmp_path / "report.txt").write_text(text + more)
+    found = load_rig(tmp_path / "report.txt")
+    assert_same(found, 1e-9)
+    assert not found.doubts
 
 
 def one_lens(path: Path, camera: Any) -> None:
@@ -542,6 +547,8 @@ FOREIGN = {
     "OpenSfM": '{"left": {"rotation": [0, 0, 0], "translation": [0, 0, 0]}, "right": '
     '{"rotation": [0, 0, 0]}}',
     "Gyroflow": '{"calibrated_by": "a", "calib_dimension": {"w": 640, "h": 480}}',
+    "OCamCalib": "#polynomial coefficients (ocam_model.ss in MATLAB).\n\n5 -7.4e+02 0.0 8.8e-04 \n",
+    "Ames Stereo Pipeline": "ref_sensor_name: lnav\n\nsensor_name: lnav\n\nsensor_name: rnav\n",
     "oplab": "version: 1\norigin:\n  latitude: 50.8\n  longitude: -1.4\n",
 }
 

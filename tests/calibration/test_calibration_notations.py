@@ -3,6 +3,7 @@ line that says what is wrong.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,7 @@ NOTATIONS: dict[str, str | bytes] = {
         for key, part in PARTS.items()) + "</rig>",
     "YAML of several documents": "---\n".join(
         yaml.safe_dump(part) for part in (of(RIG.left), of(RIG.right), POSE)),
+    "a number right behind its colon": f"Viewer.PointSize:2\n{YAML}T2.rate:-5\n",
     "a tuple of Python": f"size: !!python/tuple [640, 480]\n{YAML}",
 }  # fmt: skip
 
@@ -123,6 +125,16 @@ def padded(K: np.ndarray, rows_: int) -> list[list[float]]:
     return list(square[:rows_].tolist())
 
 
+def rectified(*names: str) -> dict[str, Any]:
+    """The rotations and projections of the rectified images, under R1 R2 P1 P2 of other names."""
+    infos = ros_infos()
+    keys = ("rectification_matrix", "rectification_matrix", *["projection_matrix"] * 2)
+    return {
+        name: np.reshape(infos[i % 2][key]["data"], (3, -1)).tolist()  # type: ignore[index]
+        for i, (name, key) in enumerate(zip(names, keys, strict=True))
+    }
+
+
 WORLD = np.eye(4)
 WORLD[:3, :3] = Rotation.from_rotvec([0.1, 0.5, -0.3]).as_matrix()
 WORLD[:3, 3] = 1, 2, 3
@@ -130,9 +142,72 @@ CENTERS = {
     "left": {**BOTH["left"], "position": [0, 0, 0], "rotation": np.eye(3).tolist()},
     "right": {**BOTH["right"], "position": INVERSE[:3, 3].tolist(), "rotation": RIG.R.T.tolist()},
 }
+
+
+def fours(camera: Camera) -> list[float]:
+    return list(camera.K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist())
+
+
+def chain(camera: Camera, **pose: Any) -> dict[str, Any]:
+    """Of Kalibr, with the names of lenses that ROS has."""
+    return {
+        "intrinsics": fours(camera), "distortion_coeffs": camera.distortion.tolist(),
+        "distortion_model": "plumb_bob", "resolution": list(SIZE),
+    } | pose  # fmt: skip
+
+
+def svo(number: int, camera: Camera, pose: np.ndarray) -> dict[str, Any]:
+    """Of aslam, maplab and SVO; its T_B_C leads from the camera."""
+    lens = {
+        "distortion": {
+            "parameters": {"data": camera.distortion.tolist()}, "type": "radial-tangential",
+        },
+        "intrinsics": {"data": fours(camera)}, "label": f"cam{number}", "type": "pinhole",
+        "image_width": SIZE[0], "image_height": SIZE[1],
+    }  # fmt: skip
+    return {"camera": lens, "T_B_C": {"data": np.linalg.inv(pose).ravel().tolist()}, "serial_no": 0}
+
+
+def both_ways(pose: np.ndarray) -> dict[str, Any]:
+    ways = {"cam_to_world": np.linalg.inv(pose), "world_to_cam": pose}
+    return {"detected_id": 0} | {
+        f"{name}_{way}": part.tolist()
+        for way, one in ways.items()
+        for name, part in (("R", one[:3, :3]), ("t", one[:3, 3]))
+    }
+
+
 SPELLINGS: dict[str, Mapping[str, Any]] = {
     "Kl Dl": {"Kl": PLAIN["K1"], "Dl": PLAIN["D1"], "Kr": PLAIN["K2"], "Dr": PLAIN["D2"], **POSE},
     "ml dl": {"ml": PLAIN["K1"], "dl": PLAIN["D1"], "mr": PLAIN["K2"], "dr": PLAIN["D2"], **POSE},
+    "Rl Pl": {"Kl": PLAIN["K1"], "Dl": PLAIN["D1"], "Kr": PLAIN["K2"], "Dr": PLAIN["D2"],
+              **rectified("Rl", "Rr", "Pl", "Pr")},
+    "K0 D0 beside P0": {"K0": PLAIN["K1"], "D0": PLAIN["D1"], "K1": PLAIN["K2"],
+                        "D1": PLAIN["D2"], **POSE, **rectified("R0", "R1", "P0", "P1")},
+    "K_top beside K_bottom": {"K_top": PLAIN["K1"], "dist_top": PLAIN["D1"], **POSE,
+                              "K_bottom": PLAIN["K2"], "dist_bottom": PLAIN["D2"]},
+    "K D R P of each camera, and no size": {
+        f"{side}_camera": {**BOTH[side], **rectified(*names)}
+        for side, names in (("left", ("R", "-", "P", "-")), ("right", ("-", "R", "-", "P")))
+    },
+    "R_world_to_cam and R_cam_to_world": {
+        side: BOTH[side] | both_ways(pose) for side, pose in (("left", WORLD), ("right", T @ WORLD))
+    },
+    "a list of aslam": {"cameras": [svo(0, RIG.left, WORLD), svo(1, RIG.right, T @ WORLD)]},
+    "a chain with lenses of ROS": {
+        "cam0": chain(RIG.left), "cam1": chain(RIG.right, T_cn_cnm1=T.tolist())
+    },
+    "lenses beside a model_type": {
+        "model_type": "PINHOLE", "intrinsics_l": fours(RIG.left), "intrinsics_r": fours(RIG.right),
+        "distortion_l": PLAIN["D1"], "distortion_r": PLAIN["D2"], **POSE,
+    },
+    "principle_point_x_pixels": {
+        side: dict(zip(("focal_length_x_px", "focal_length_y_px", "principle_point_x_pixels",
+                        "principle_point_y_pixels"), fours(camera), strict=True))
+        | {"dist": camera.distortion.tolist()}
+        for side, camera in (("left", RIG.left), ("right", RIG.right))} | POSE,
+    "MATLAB's name of R": {"K1": PLAIN["K1"], "D1": PLAIN["D1"], "K2": PLAIN["K2"],
+                           "D2": PLAIN["D2"], "RotationOfCamera2": PLAIN["R"], "T": PLAIN["T"]},
     "coef_left": {"matrix_left": PLAIN["K1"], "coef_left": PLAIN["D1"], **POSE,
                   "matrix_right": PLAIN["K2"], "coef_right": PLAIN["D2"]},
     "sides below parts": {"camera_matrix": {"left": PLAIN["K1"], "right": PLAIN["K2"]},
@@ -166,7 +241,84 @@ SPELLINGS: dict[str, Mapping[str, Any]] = {
 
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_spellings_of_parts(spelling: str, tmp_path: Path) -> None:
-    assert same(read(SPELLINGS[spelling], tmp_path))
+    found = read(SPELLINGS[spelling], tmp_path)
+    assert same(found)
+    if "MATLAB" in spelling:
+        np.testing.assert_allclose(found.alternatives[0].R, RIG.R.T, atol=1e-9)
+
+
+def test_what_the_window_of_bouguets_toolbox_prints(tmp_path: Path) -> None:
+    numbers = {"om": cv2.Rodrigues(RIG.R)[0].ravel(), "T": 1000 * T[:3, 3]}
+    for side, camera in (("left", RIG.left), ("right", RIG.right)):
+        fx, fy, *center = fours(camera)
+        numbers |= {f"fc_{side}": [fx, fy], f"cc_{side}": center, f"kc_{side}": camera.distortion}
+
+    def printed(scale: float) -> str:
+        return (
+            "Stereo calibration parameters:\n\nIntrinsic parameters of left camera:\n\n"
+            + "".join(
+                f"Focal Length:   {name} = [ {rows(scale * np.array(part))} ] ± [ 0.1  0.2 ]\n"
+                for name, part in numbers.items()
+            )
+        )
+
+    for encoding in ("utf-8", "latin-1"):
+        found = read((printed(1.01) + printed(1.0)).encode(encoding), tmp_path)
+        assert same(found)
+        assert not found.doubts
+
+
+def test_counts_and_groups_of_cameras_are_no_names(tmp_path: Path) -> None:
+    cameras = {
+        f"camera_{i}": {**BOTH[side], "camera_group": 0, "camera_pose_matrix": pose.tolist()}
+        for i, (side, pose) in enumerate((("left", np.eye(4)), ("right", INVERSE)))
+    }
+    found = read({"nb_camera": 2} | cameras, tmp_path)
+    assert same(found)
+    assert not [doubt for doubt in found.doubts if "no unit" not in doubt]
+
+
+def test_of_two_lenses_for_one_camera_that_of_the_whole_rig_is_taken_and_said(
+    tmp_path: Path,
+) -> None:
+    def method(name: str, **parts: Any) -> str:
+        lines = [f"        self.{key} = np.array({value})\n" for key, value in parts.items()]
+        return f"    def {name}(self):\n{''.join(lines)}"
+
+    other = {key: (1.5 * PARTS[key]).tolist() for key in ("K1", "K2")} | {"T": [-0.2, 0, 0]}
+    methods = method("__init__", **PLAIN) + method("set_other", **other)
+    found = read(f"import numpy as np\n\n\nclass Rig:\n{methods}", tmp_path)
+    assert same(found)
+    assert sum("contains two camera matrices" in doubt for doubt in found.doubts) == 2
+    rotations = method("__init__", om=[0.1, 0, 0], **PLAIN)
+    assert same(read(f"import numpy as np\n\n\nclass Rig:\n{rotations}", tmp_path))
+
+
+def test_a_unit_that_is_taken_for_centimeters_may_be_squares(tmp_path: Path) -> None:
+    found = read(BOTH | {"R": PLAIN["R"], "T": (100 * T[:3, 3]).tolist()}, tmp_path)
+    assert same(found)
+    assert any("centimeters, and not as squares of a board" in doubt for doubt in found.doubts)
+
+
+TWICE: dict[str, tuple[dict[str, Any], str]] = {
+    "two distortions": ({"left_distortion": [0.2, 0, 0, 0, 0]}, "two distortions of the left"),
+    "two rotations": ({"stereo": {"om": [0.1, 0, 0]}}, "two rotations, R and stereo.om: R is used"),
+    "a coefficient less": ({"D2": PLAIN["D2"][:4]}, "5 coefficients .* and 4 for the right one"),
+}
+
+
+@pytest.mark.parametrize("case", TWICE)
+def test_parts_that_disagree_are_named(case: str, tmp_path: Path) -> None:
+    more, message = TWICE[case]
+    assert [doubt for doubt in read(PLAIN | more, tmp_path).doubts if re.search(message, doubt)]
+
+
+def test_settings_of_orb_slam_beside_the_lenses_before_rectification(tmp_path: Path) -> None:
+    infos = rectified("R1", "R2", "P1", "P2")
+    (fx, _, cx, _), (_, fy, cy, _), _ = infos["P2"]
+    rectified_lens = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "bf": -infos["P2"][0][3]}
+    settings = {f"Camera.{key}": value for key, value in rectified_lens.items()}
+    assert same(read(settings | {"Camera.width": 640, "Camera.height": 480} | PLAIN, tmp_path))
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
@@ -254,6 +406,19 @@ REFUSED: dict[str, tuple[str | Mapping[str, Any], str]] = {
         "holds 2 rigs, down and forward",
     ),
     "two rigs in a list": ({"rigs": [BOTH | POSE, BOTH | POSE]}, r"holds 2 rigs, rigs.0 and"),
+    "the mirror of a lens": (PLAIN | {"xi1": [[1.1]], "xi2": [[1.2]]}, "'omni' is"),
+    "K [R t] for the projection of a rectified image": (
+        {"P1": padded(RIG.left.K, 3), "P2": (RIG.right.K @ T[:3]).tolist()},
+        "contains a rotation, as K .R t. does",
+    ),
+    "a baseline and a focal length alone": (
+        {"baseline_mm": 100.0, "focal_length_px": 2800.0}, "no camera matrix: add the fx, fy, cx"),
+    "eight numbers": (
+        {"cam_matrix_left": [*range(8)], "cam_matrix_right": PLAIN["K2"], "D1": PLAIN["D1"],
+         "D2": PLAIN["D2"], **POSE}, "cam_matrix_left holds 8 numbers, and a camera matrix has 9"),
+    "transposed lenses": (
+        {"cam_matrix_left": RIG.left.K.T.tolist(), "cam_matrix_right": RIG.right.K.T.tolist(),
+         "D1": PLAIN["D1"], "D2": PLAIN["D2"], **POSE}, "cam_matrix_left: .* K is transposed"),
     "inches": (PLAIN | {"T": [-4.72, 0, 0]}, "in inches 0.119"),
     "a name twice": ("K1 1 2 3 4\nK1 5 6 7 8\n", "'K1' is given twice"),
 }  # fmt: skip

@@ -19,6 +19,16 @@ def test_wrong_usage(cli) -> None:
     )
 
 
+def test_a_value_that_is_given_twice_is_refused(cli) -> None:
+    """The first folder would be left out; --set is for many, and a flag says the same twice."""
+    for words in (("--left", "a", "--left", "b"), ("--left=a", "--right", "c", "--left", "b")):
+        code, _, said = cli("run", *words)
+        assert (code, "--left is given twice: give it once" in said) == (2, True)
+    settings = ("--set", "color.lock=auto", "--set", "color.lock=40", "--json", "--json")
+    code, printed, _ = cli("config", *settings)
+    assert (code, '"value": 40' in printed) == (0, True)
+
+
 def test_a_pair_more_than_cores_is_under_way() -> None:
     """While one waits for the disk."""
     assert min(cores() + 1, 8) == DEFAULT_WORKERS

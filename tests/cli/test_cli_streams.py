@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.cli.text import lines, table
+
 PROGRAM = (sys.executable, "-m", "stereo_seecolor")
 needs_dev_full = pytest.mark.skipif(
     not Path("/dev/full").exists(), reason="a device that is always full exists on Linux only"
@@ -135,3 +137,11 @@ def test_ctrl_c_before_the_work_begins() -> None:
     )
     assert ended.returncode == 130
     assert "Traceback" not in ended.stderr
+
+
+def test_what_a_name_holds_breaks_no_line() -> None:
+    """A label with a line break, a tab, or what a terminal obeys; one of many characters."""
+    name = "Acropora\nsp.\t\x1b[31m"
+    assert lines(name, "b") == "Acropora%0Asp.%09%1B[31m\nb\n"
+    drawn = table(("label", "n"), [(name, "1"), ("x" * 20_000, "2")]).splitlines()
+    assert [len(line.split()) for line in drawn] == [2, 2, 2]

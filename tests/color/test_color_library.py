@@ -40,6 +40,17 @@ def test_a_frame_is_what_the_corrector_makes_of_it(dtype: type) -> None:
     assert np.array_equal(correct(image, range_m, water).image, expected.image)
 
 
+@pytest.mark.parametrize(("bits", "is_said"), [(12, True), (16, False)])
+def test_values_of_fewer_bits_are_named(bits: int, is_said: bool) -> None:
+    image, range_m = frame(dtype=np.uint16)
+    few = image >> (16 - bits)
+    batch = np.stack([few, few]), np.stack([range_m, range_m])
+    water = fit(few, range_m)
+    for found in (water, correct(few, range_m, water), fit(*batch), correct(*batch, water)):
+        said = "if the camera has 12 bits, multiply them by 16 " in " ".join(found.warnings)
+        assert said == is_said
+
+
 @pytest.mark.parametrize("flat_m", [2.0, 2.3])
 def test_a_water_of_the_whole_dive_is_not_to_be_shared(flat_m: float) -> None:
     image, range_m = frame()

@@ -135,6 +135,7 @@ def test_bad_overrides(override: str, message: str) -> None:
         ("colr: {}", r"there is no setting 'colr'; did you mean 'color'"),
         ("- a", r"must hold sections .*got a list"),
         ("a: [", "is not YAML"),
+        ("input: {bayer: none}\ninput: {refine: true}", "'input' is given twice.* line 2"),
         ("color: 5", r"run\.yaml: color: "),
         (
             "matching: {max_range_m: .inf}",
@@ -157,6 +158,14 @@ def test_bad_files(tmp_path: Path, content: str, message: str) -> None:
     (tmp_path / "run.yaml").write_text(content)
     with pytest.raises(ConfigError, match=message):
         load_config(tmp_path / "run.yaml")
+
+
+@pytest.mark.parametrize(
+    "content", ["", "# matching:", "matching:\n  # max_range_m: 6", "color:\n  robust:\n"]
+)
+def test_files_and_sections_of_comments_alone_change_nothing(tmp_path: Path, content: str) -> None:
+    (tmp_path / "run.yaml").write_text(content)
+    assert load_config(tmp_path / "run.yaml") == RunConfig()
 
 
 def test_missing_file(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def test_tartanair_is_north_east_down_without_times(tmp_path: Path) -> None:
 
 
 def test_seven_numbers_without_a_quaternion_are_no_trajectory(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is not a trajectory of a known format"):
+    with pytest.raises(InputError, match="is rows of 7 columns without names"):
         read_trajectory(write(tmp_path, "1790000000 1 2 3 10 20 30\n"))
 
 
@@ -183,6 +183,31 @@ def test_acfr_angles_are_the_cameras_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [2, 1, -3])
     assert trajectory.origin == GeoOrigin(-23.5, 152.0)
     assert trajectory.names == ("L1.png",)
+
+
+IMOS = (
+    "year,month,day,hour,minute,second,{},depth,latitude,longitude,roll,pitch,heading,altitude,"
+    "leftimage,rightimage\n"
+)
+
+
+@pytest.mark.parametrize("names", ["northing,easting", "local_north,local_east"])
+def test_imos_tracks_are_poses_of_acfr(tmp_path: Path, names: str) -> None:
+    """The camera's own angles in radians, also below remarks."""
+    quarter = np.pi / 2
+    row = f"2026,10,16,12,0,1.5,111,0,3,-23.499,152.0,0,0,{quarter},2.0,L1.png,R1.png\n"
+    for remarks in ("", "NOTE: a dive\nOrigin\n\n"):
+        trajectory = read_trajectory(write(tmp_path, remarks + IMOS.format(names) + row, "a.csv"))
+        np.testing.assert_allclose(trajectory.T_world_camera[0, :3, :3], NORTH_UP, atol=1e-12)
+        np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [0, 111, -3])
+        assert trajectory.names == ("L1.png",) and trajectory.camera == "raw"
+        assert trajectory.timestamps_s.tolist() == [1792152001.5]
+        assert trajectory.origin is not None
+        assert trajectory.origin.latitude_deg == pytest.approx(-23.5, abs=1e-5)
+        assert trajectory.origin.longitude_deg == 152
+    degrees = IMOS.format(names) + row.replace(str(quarter), "90")
+    with pytest.raises(InputError, match="angles are radians, but its angles reach 90"):
+        read_trajectory(write(tmp_path, degrees, "a.csv"))
 
 
 @pytest.mark.parametrize("points", [0, 1, 4, 5, 6])

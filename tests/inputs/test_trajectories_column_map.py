@@ -44,11 +44,12 @@ def test_decimal_commas_between_semicolons(tmp_path: Path) -> None:
     assert read[1].timestamps_s.tolist() == [1000.5, 1001.5]
 
 
-def test_latitudes_that_cannot_be_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, NAV.replace("50,-10", "152,-23"), "nav.csv")
-    with pytest.raises(
-        InputError, match="latitudes reach 152 degrees: are latitude and longitude exchanged"
-    ):
+@pytest.mark.parametrize(
+    ("place", "what"), [("152,-23", "latitudes reach 152"), ("50,-1000", "longitudes reach 1000")]
+)
+def test_degrees_that_cannot_be_are_refused(tmp_path: Path, place: str, what: str) -> None:
+    path = write(tmp_path, NAV.replace("50,-10", place), "nav.csv")
+    with pytest.raises(InputError, match=f"{what} degrees: are latitude and longitude exchanged"):
         read_trajectory(spec(path, MAP))
 
 
@@ -203,6 +204,12 @@ def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
         read_trajectory(
             write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv")
         )
+
+
+def test_a_table_of_places_without_a_time_says_what_it_lacks(tmp_path: Path) -> None:
+    path = write(tmp_path, "lat,lon,depth\n-14,145,5\n-14,145,5", "nav.csv")
+    with pytest.raises(InputError, match=r"is a table without heading, time \(or name\) \(it has"):
+        read_trajectory(path)
 
 
 def test_a_column_map_with_a_depth_and_no_heading_says_so(tmp_path: Path) -> None:

@@ -164,6 +164,12 @@ def test_positions_that_are_marked_invalid_are_not_used(columns: str, tmp_path: 
         ("timestamp,depth", r"without lat and lon \(or north and east\), heading"),
         ("latitude,longitude,depth,heading,photo", "holds a header, but no rows"),
         ("timestamp,position_valid,x,y,z", r"without lat and lon"),
+        ("timestamp,latitude,longitude,depth,gps_heading", r"is a table without heading \(it has"),
+        ("timestamp,depth,heading,roll", r"or give the table with them, too: nav\.csv,other\.csv"),
+        (
+            "timestamp,latitude,longitude,heading,altitude",
+            r"without depth \(or up\).*up=altitude only if that is a height above the water's",
+        ),
     ],
 )
 def test_tables_that_lack_columns_or_rows_name_them(
@@ -203,6 +209,9 @@ LOGS = {
     ",0,00")),
     "with a logger's prefix": f"2026-10-16 12:00:02.1 {nmea(RMC)}",
     "a damaged sentence": nmea(RMC) + nmea(RMC).replace("1430", "1830"),
+    "points of KML": "<kml><Placemark><name>a</name></Placemark><Placemark><TimeStamp><when>"
+    "2026-10-16T12:00:01.5Z</when></TimeStamp><Point><coordinates>145.25,-14.5,0</coordinates>"
+    "</Point></Placemark></kml>",
     "GPX": GPX, "GPX, indented": GPX.replace("><", ">\n  <"), "KML": KML,
 }  # fmt: skip
 
@@ -251,9 +260,29 @@ FOREIGN = {
     "dive.tlog": (bytes(8) + b"\xfd\x1c\x00\x00\x01\x01" + bytes(50), "a telemetry log of MAVLink"),
     "nav.xlsx": (b"PK\x03\x04" + bytes(50), "a spreadsheet or an archive"),
     "track.shp": (b"\x00\x00\x27\x0a" + bytes(96), "a Shapefile"),
+    "nav.csv": (b"version https://git-lfs.github.com/spec/v1\noid sha256:5\n", "a pointer of Git"),
     "model.nvm": (b"NVM_V3\n\n2\n", "a model of VisualSFM"),
     "bundle.out": (b"# Bundle file v0.3\n2 0\n", "a model of Bundler"),
     "shots.json": (b'{"type": "FeatureCollection", "features": []}', "a GeoJSON file"),
+    "usbl.log": (b"USBLLONG,1.5,1.0,2,10.5,3.5,18.0\n", "a log of an Evologics USBL"),
+    "dive.log": (
+        b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
+        b"FMT, 130, 50, GPS, QBcLLe, TimeUS,Status,HDop,Lat,Lng,Alt\nGPS, 5, 3, 0.9, 14, 145, 2\n",
+        "a log of ArduPilot as text",
+    ),
+    "dump.txt": (b"2026-10-16 12:00:00.50: ATT {Roll : 1.5}\n", "the text that mavlogdump.py"),
+    "line.raw": (b"FTP NEW 2\nVER 18\nPOS 0 37230.5 512345.5 4512345.5\n", "raw data of Hypack"),
+    "dvl.txt": (b":SA, -2.5, +4.5,209.5\n:TS,26101612000050,35.0\n", "a log of a DVL"),
+    "dive.uddf": (b'<?xml version="1.0"?>\n<uddf version="3.2.1">', "a log of depths"),
+    "cast.cnv": (b"* Sea-Bird SBE 19\n# name 0 = depSM\n*END*\n  1.5  2.5\n", "a log of depths"),
+    "echo.txt": (b"header: \n  seq: 12\n  stamp: \n    secs: 15\n", "the text of rostopic echo"),
+    "echo.csv": (b"1792152000,5,odom,base,1.0,2.0,3.0,0.0,0.0,0.0,1.0\n", "the rows of ros2 topic"),
+    "geo.txt": (b"EPSG:4326\na.jpg 145.5 -14.5 2.5\n", "positions of images for OpenDroneMap"),
+    "opk.txt": (
+        b"# Cameras (1)\n# PhotoID, X, Y, Z, Omega, Phi, Kappa, r11, r12, r13, r21, r22, r23, r31, "
+        b"r32, r33\na.jpg\t1\t2\t3\t4\t5\t6\t1\t0\t0\t0\t1\t0\t0\t0\t1\n",
+        "positions of cameras with omega, phi, kappa",
+    ),
     "mission.yaml": (b"version: 1\norigin:\n  latitude: 50.8\n", "a mission file of oplab"),
 }
 
@@ -497,10 +526,43 @@ def test_angles_of_mavlink_are_in_radians(tmp_path: Path) -> None:
     np.testing.assert_allclose(second @ first.T, clockwise, atol=1e-6)
 
 
+def test_angles_that_come_with_speeds_are_in_radians(tmp_path: Path) -> None:
+    """Those of the message ATTITUDE in a table of its own, joined with one of positions."""
+    rows = "\n".join(f"{NOON + i},{-14.5 + 1e-5 * i},145.25,5" for i in range(3))
+    position = write(tmp_path, f"timestamp,lat,lon,depth\n{rows}\n", "position.csv")
+    rows = "\n".join(f"{NOON + i},0,0,{i * np.pi / 2},0,0,0" for i in range(3))
+    names = "timestamp,roll,pitch,yaw,rollspeed,pitchspeed,yawspeed"
+    attitude = write(tmp_path, f"{names}\n{rows}\n", "attitude.csv")
+    T = read_trajectory(Path(f"{position},{attitude}")).T_world_camera
+    np.testing.assert_allclose(T[:2, :3, :3], [NORTH_UP, EAST_UP], atol=1e-9)
+
+
+def test_a_column_that_calls_no_row_valid_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path, f"{HEADER},quality\n{NOON},-14.5,145.25,5,0,0\n", "nav.csv")
+    with pytest.raises(InputError, match="column 'quality' says of all rows"):
+        read_trajectory(path)
+
+
+def test_json_without_records_is_named(tmp_path: Path) -> None:
+    text = '{"streams": {"GPS5": [{"value": [1, 2]}, {"value": [3, 4]}]}}'
+    path = write(tmp_path, text, "gps.json")
+    with pytest.raises(InputError, match="is JSON without a list of records"):
+        read_trajectory(path)
+
+
 def test_a_table_of_unknown_columns_is_named_with_them(tmp_path: Path) -> None:
     table = "log_time,ts,a,b,c,status\n2026-10-16T12:00:00Z,1792152000,1,2,3,0\n"
     with pytest.raises(InputError, match=r"known by their names \(log_time, ts, a, b, c, status\)"):
         read_trajectory(write(tmp_path, table, "nav.csv"))
+
+
+def test_a_table_of_images_below_a_comment_is_named(tmp_path: Path) -> None:
+    """Also with the image_name of ORCA."""
+    table = "# dive 3\nimage_name,latitude,longitude,depth\na,-14.5,145.25,5\n"
+    with pytest.raises(InputError, match="is a table without heading"):
+        read_trajectory(write(tmp_path, table, "images.csv"))
+    with pytest.raises(InputError, match=r"known by their names \(place, p, q, r\)"):
+        read_trajectory(write(tmp_path, "# dive 3\nplace,p,q,r\n1,2,3,4\n", "places.csv"))
 
 
 def test_an_inertial_navigation_system_is_named(tmp_path: Path) -> None:

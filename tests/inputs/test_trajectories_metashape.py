@@ -147,6 +147,12 @@ def test_reference_takes_what_was_estimated(tmp_path: Path) -> None:
     assert trajectory.origin is not None
 
 
+def test_a_reference_without_angles_says_what_to_export(tmp_path: Path) -> None:
+    text = "#Label,X/Longitude,Y/Latitude,Z/Altitude\na.jpg,145.5,-14.5,-5\n"
+    with pytest.raises(InputError, match=r"without yaw, pitch, roll: export the cameras .*XML"):
+        read_trajectory(write(tmp_path, text, "reference.csv"))
+
+
 def test_reference_in_local_meters(tmp_path: Path) -> None:
     text = (
         "# CoordinateSystem: "

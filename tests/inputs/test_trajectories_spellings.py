@@ -21,6 +21,7 @@ from stereo_seecolor.records import Trajectory
 
 NOON = 1792152000  # 2026-10-16 12:00:00 UTC
 TIMES = [NOON, NOON + 1]
+SIX_PARTS = ("year", "month", "day", "hours", "minutes", "seconds")
 STD = ("time", "lat", "lon", "depth", "heading")
 ROWS: list[list[Any]] = [[NOON, -14.685, -61.05, 5, 0], [NOON + 1, -14.685, -61.0499, 6, 90]]
 
@@ -34,7 +35,7 @@ def with_times(texts: Sequence[str]) -> str:
 
 
 def is_the_track(found: Trajectory) -> bool:
-    T = found.T_world_camera
+    T = found.T_world_camera[: len(ROWS)]
     east_m = (0, 0.0001 * 111_320 * np.cos(np.radians(14.685)))
     right = np.column_stack([east_m, (0, 0), (-5, -6)])
     return bool(
@@ -42,7 +43,8 @@ def is_the_track(found: Trajectory) -> bool:
         and np.allclose(T[:, :3, 3] - [T[0, 0, 3], T[0, 1, 3], 0], right, atol=0.05)
         and found.origin is not None
         and abs(found.origin.latitude_deg + 14.685) < 0.001
-        and np.allclose(found.timestamps_s, TIMES, atol=0.01)
+        and np.allclose(found.timestamps_s[: len(ROWS)], TIMES, atol=0.01)
+        and not any(found.names)
     )
 
 
@@ -58,6 +60,7 @@ NAMES = {
     "an owner": "UTC Time,ROV_Lat,ROV_Lon,Vehicle Depth,Vehicle Heading",
     "a beacon": "Time,Beacon Latitude,Beacon Longitude,Beacon Depth,Heading",
     "paths": "/nav/time,/nav/lat,/nav/lon,/nav/depth,/nav/heading",
+    "an Iver": "Epoch Secs,Latitude,Longitude,DFS Depth (m),C True Heading",
     "decimal": "utc_timestamp,decimalLatitude,longitude_dd,depth_below_surface,compassHeading",
 }
 
@@ -92,6 +95,40 @@ FORMS: dict[str, str | bytes] = {
     "what is of a ship": table((*STD, "ship_lat", "ship_lon"), [[*row, 50, 10] for row in ROWS]),
     "the vehicle's before the receiver's": table(("time", "gps.lat", "gps.lon", *(
         f"vehicle.{name}" for name in STD[1:])), [[row[0], 50, 10, *row[1:]] for row in ROWS]),
+    "hemispheres in words": table(("time", "lat", "latRef", "lon", "lonRef", "depth", "heading"), [
+        [t, -lat, "South", -lon, "West", *rest] for t, lat, lon, *rest in ROWS]),
+    "hemispheres before": table(("time", "lat_ref", "lat", "lon_ref", "lon", "depth", "heading"), [
+        [t, "S", -lat, "W", -lon, *rest] for t, lat, lon, *rest in ROWS]),
+    "hemispheres after both": table(("time", "lat", "lon", "N/S", "E/W", "depth", "heading"), [
+        [t, -lat, -lon, "S", "W", *rest] for t, lat, lon, *rest in ROWS]),
+    "a flag that is no hemisphere": table((*STD, "mode"), [[*row, "N"] for row in ROWS]),
+    "the vehicle's beside those of a ship": table((*STD[:3], "heading", *(
+        f"ROV {name}" for name in STD[1:])), [[row[0], 50, 10, 45, *row[1:]] for row in ROWS]),
+    "depths below the water": table(("time", "water depth", *STD[1:]), [
+        [row[0], 50, *row[1:]] for row in ROWS]),
+    "a temperature": table(("T", "S", *STD), [[21, 35, *row] for row in ROWS]),
+    "the name of a vehicle": table(("RovName", *STD), [["v1", *row] for row in ROWS]),
+    "twelve columns": table((*STD, *"abcdefg"), [[*row, *[1] * 7] for row in ROWS]),
+    "ten words": table((*STD, *"abcd", "e"), [[*row, *[1] * 4, "x"] for row in ROWS], by=" "),
+    "fourteen columns between semicolons": table((*STD, *"abcdefghi"), [
+        [*row, *[1] * 9] for row in ROWS], by=";").replace(".", ","),
+    "a time since a start": table((*STD, "UTC"), [
+        [i, *row[1:], row[0]] for i, row in enumerate(ROWS)]),
+    "hours and minutes": table(("DATE", "TIME", *STD[1:]), [
+        ["20261016", "1200", *ROWS[0][1:]], ["20261016", "120001", *ROWS[1][1:]]]),
+    "a date in three columns": table(("year", "month", "day", *STD), [
+        [2026, 10, 16, f"12:0:{i}.0", *row[1:]] for i, row in enumerate(ROWS)]),
+    "six columns of a time": table(("date", *SIX_PARTS,
+                                    *STD[1:]), [
+        ["x", 2026, 10, 16, 12, 0, f"{i}.0", *row[1:]] for i, row in enumerate(ROWS)]),
+    "a date and a time": table(("date", "time", "latitude", "longitude", "depth", "heading"), [
+        [*datetime.fromtimestamp(row[0], UTC).isoformat().split("T"), *row[1:]] for row in ROWS]),
+    "a date with its time": table(("date", *STD[1:]), [
+        [datetime.fromtimestamp(row[0], UTC).isoformat(), *row[1:]] for row in ROWS]),
+    "a noisy height at the surface": table(rows=[
+        *([row[0], *row[1:3], -row[3], row[4]] for row in ROWS), ["", 0, 0, 0.1, 0]]),
+    "JSON of records of a device": json.dumps({"1": {"streams": {"nav": {"samples": [
+        dict(zip(STD, row, strict=True)) for row in ROWS]}}}, "rate": 1}),
     "JSON of records": json.dumps([dict(zip(STD, row, strict=True)) for row in ROWS]),
     "a record a line": "\n".join(json.dumps(dict(zip(STD, row, strict=True))) for row in ROWS),
     "JSON of columns": json.dumps(dict(zip(STD, map(list, zip(*ROWS, strict=True)), strict=True))),
@@ -114,6 +151,21 @@ def test_a_map_of_columns_holds_below_other_lines(tmp_path: Path) -> None:
     assert is_the_track(read_trajectory(Path(f"{path}:time=A,lat=B,lon=C,depth=D,heading=E")))
 
 
+def test_positions_of_images_by_exiftool(tmp_path: Path) -> None:
+    names = "SourceFile,GPSLatitude,GPSLongitude,RelativeAltitude,DateTimeOriginal"
+    rows = ['left/a.jpg,"14 deg 41\' 6.00"" S","61 deg 3\' 0.00"" W",2,2026:10:16 12:00:00']
+    rows += [rows[0].replace("a.jpg", "b.jpg").replace("00:00", "00:01")]
+    path = write(tmp_path, "\n".join([names, *rows]), "exif.csv")
+    spec = "name=SourceFile,lat=GPSLatitude,lon=GPSLongitude,time=DateTimeOriginal"
+    with pytest.raises(InputError, match=f"or use its positions alone: exif.csv:{spec}"):
+        read_trajectory(path)
+    found = read_trajectory(Path(f"{path}:{spec}"))
+    assert found.fixes and found.names == ("left/a.jpg", "left/b.jpg")
+    assert found.timestamps_s.tolist() == TIMES and found.origin is not None
+    assert found.origin.latitude_deg == pytest.approx(-14.685)
+    assert found.origin.longitude_deg == pytest.approx(-61.05)
+
+
 @pytest.mark.parametrize(
     "names",
     ["year month day hour minute second", "Year Month Day Hour Minute Second", "secs nsecs"],
@@ -130,7 +182,7 @@ def test_times_in_several_columns(names: str, tmp_path: Path) -> None:
 
 FORMATS = {
     "compact": "%Y%m%d%H%M%S", "underscore": "%Y%m%d_%H%M%S",
-    "name of a month": "%d-%b-%Y %H:%M:%S",
+    "name of a month": "%d-%b-%Y %H:%M:%S", "its year in two digits": "%d-%b-%y %H:%M:%S",
     "month first": "%B %d %Y %H:%M:%S", "EXIF": "%Y:%m:%d %H:%M:%S",
     "day of the year": "%Y-%j %H:%M:%S", "comma before milliseconds": "%Y-%m-%d %H:%M:%S,000",
 }  # fmt: skip
@@ -185,6 +237,7 @@ def saved(save: Callable[..., None], *arrays: Any, **named: Any) -> bytes:
 
 FIRST = [[t] for t in TIMES]
 FILES = [["a.png"], ["b.png"]]
+QUANTITIES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TUM = np.column_stack([TIMES, PLACES, QUATERNIONS]).tolist()
 W_FIRST = np.column_stack([TIMES, PLACES, QUATERNIONS[:, [3, 0, 1, 2]]]).tolist()
 TWELVE, SIXTEEN = MATRICES[:, :3].reshape(2, 12).tolist(), MATRICES.reshape(2, 16).tolist()
@@ -213,6 +266,14 @@ POSES: dict[str, str | bytes] = {
         {"stamp": t, "pose": {"position": dict(zip("xyz", p, strict=True)),
                               "orientation": dict(zip("xyzw", q, strict=True))}}
         for t, p, q in zip(TIMES, PLACES.tolist(), QUATERNIONS.tolist(), strict=True)]),
+    "names under a header": "image_name,x,y,z,qx,qy,qz,qw\n"
+                            + text_of([a + b[1:] for a, b in zip(FILES, TUM, strict=True)], ","),
+    "a name beside the time": "file,stamp,x,y,z,qx,qy,qz,qw\n"
+                              + text_of([a + b for a, b in zip(FILES, TUM, strict=True)], ","),
+    "the time of one body": "stamp,name,x,y,z,qx,qy,qz,qw\n"
+                            + text_of([[r[0], "rov", *r[1:]] for r in TUM], ","),
+    "millimeters": "x [mm],y [mm],z [mm],qx,qy,qz,qw,t\n"
+                   + text_of([[*(1000 * v for v in r[1:4]), *r[4:], r[0]] for r in TUM], ","),
     "PlotJuggler": text_of([["__time", *(f"/odom/pose/position/{a}" for a in "xyz"),
                              *(f"/odom/pose/orientation/{a}" for a in "xyzw")], *TUM], ","),
 }  # fmt: skip
@@ -225,11 +286,35 @@ def test_rows_of_poses(form: str, tmp_path: Path) -> None:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     found = read_trajectory(path)
     np.testing.assert_allclose(found.T_world_camera, MATRICES, atol=1e-9)
-    if "name" in form and "names" not in form:
+    if "name" in form and "names between" not in form:
         assert found.names == ("a.png", "b.png")
     if "time" in form or "stamp" in form:
         np.testing.assert_allclose(found.timestamps_s, TIMES)
     assert trajectory_format(path) is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "others"),
+    [("time_ms", ""), ("timestamp [ns]", ""), ("%time", "field.header.stamp")],
+)
+def test_units_of_the_times_of_poses(name: str, others: str, tmp_path: Path) -> None:
+    """Since the start of a simulation, whose size tells no unit."""
+    axes = [f"field.pose.{axis}" if others else axis for axis in QUANTITIES]
+    a_second = 1000 if "ms" in name else 10**9
+    rows = [[int((800 + i) * a_second), 7, *row[1:]] for i, row in enumerate(TUM)]
+    text = text_of([[name, others or "seq", *axes], *rows], ",")
+    found = read_trajectory(write(tmp_path, text, "poses.csv"))
+    assert found.timestamps_s.tolist() == [800, 801]
+
+
+@pytest.mark.parametrize("count", [8, 12, 13, 16])
+def test_numbers_that_hold_no_rotation_are_no_poses(count: int, tmp_path: Path) -> None:
+    row = [NOON, 14.6, 145.2, 5.5, 90.0, 1.5, -2.0, 1.4, 21.0, 35.1, 5.0, 1.0, 0, 0, 0, 1]
+    if count == 16:
+        row[:3] = 1.0, 0.5, 0.2
+    path = write(tmp_path, text_of([row[:count]] * 3), "nav.txt")
+    with pytest.raises(InputError, match=r"line 1: .* hold no rotation: .*names in a line above"):
+        read_trajectory(path)
 
 
 def test_the_first_number_of_tum_is_a_time(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ surveyed places, along bars.
 """
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -136,6 +137,25 @@ def test_a_map_that_cannot_be_held_says_so(survey: Survey, monkeypatch: pytest.M
         "mapping.markers do not constrain the map" in said
         for said in place_survey(survey, config, None).placement.warnings
     )
+
+
+def test_lengths_that_contradict_each_other_widen_the_error_and_unseen_ones_are_named(
+    survey: Survey, tmp_path: Path
+) -> None:
+    bars = tmp_path / "bars.csv"
+    apart_m = [math.dist(PLACES[3], PLACES[number]) for number in (7, 11)]
+    bars.write_text(
+        f"first,second,length_m\n3,7,{1.01 * apart_m[0]}\n7,3,{1.01 * apart_m[0]}\n"
+        f"3,11,{apart_m[1]}\n3,99,1\n"
+    )
+    marks = Marks.found(survey, MarkersConfig(bars=bars))
+    assert list(marks.bars) == [(3, 7), (3, 11), (3, 99)]
+    fit = first_fit(marks, cameras())
+    assert abs(fit.scale * OFF - 1) < 2 * fit.scale_std
+    (line,) = fit.warnings
+    assert line == "bar 3-99: too few of its markers were found in two frames: not used"
+    alone = first_fit(replace(marks, bars={(3, 99): 1.0}), cameras())
+    assert "none of a known size, distance or position" in str(alone) and alone.warnings == (line,)
 
 
 def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(

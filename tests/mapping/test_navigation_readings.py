@@ -3,6 +3,7 @@ and nothing else; what is right is used.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -138,6 +139,14 @@ WRONG: dict[str, tuple[Callable[[Table], Table], str]] = {
         lambda t: t._replace(heading_deg=90 - t.heading_deg),
         "headings counted counterclockwise from east",
     ),
+    "axes east, north": (
+        lambda t: positions(t, lambda p: p[:, ::-1])._replace(heading_deg=90 - t.heading_deg),
+        "or, as likely, with x and y swapped and headings counted counterclockwise from east",
+    ),
+    "heading in radians": (
+        lambda t: t._replace(heading_deg=np.radians(t.heading_deg)),
+        "would fit with headings in radians",
+    ),
     "roll and pitch": (
         lambda t: t._replace(roll_deg=t.pitch_deg, pitch_deg=t.roll_deg),
         "roll and pitch exchanged",
@@ -157,6 +166,11 @@ WRONG: dict[str, tuple[Callable[[Table], Table], str]] = {
         "heights or altitudes in place of depths",
     ),
     "depth in feet": (lambda t: t._replace(depth_m=t.depth_m / 0.3048), "depths in feet"),
+    "pressure in kPa": (
+        lambda t: t._replace(depth_m=101 + 10.05 * t.depth_m),
+        "pressures in kilopascals",
+    ),
+    "pressure in bars": (lambda t: t._replace(depth_m=t.depth_m / 9.95), "pressures in bars"),
     "stuck": (
         lambda t: positions(t, lambda p: p[0] + 0.01 * np.sin(np.outer(t.times_s, [1, 2]))),
         "they stay at one place",
@@ -253,6 +267,66 @@ def test_positions_of_another_point_of_the_vehicle_are_no_jumps_at_turns(
         found.placement.T_world_camera[:, :2, 3] - seen(right).placement.T_world_camera[:, :2, 3]
     )
     assert np.median(off_m) < 0.05
+
+
+@pytest.mark.parametrize(
+    "rpy_deg", [(180.0, 0.0, 0.0), (180.0, 0.0, 90.0), (180.0, 0.0, -90.0), (0.0, 90.0, 90.0)]
+)
+def test_a_camera_upside_down_or_turned_by_a_right_angle_is_taken_into_account(
+    seen: Callable[[Trajectory], ComparedNavigation], rpy_deg: tuple[float, float, float]
+) -> None:
+    found = seen(vehicle().read(MountConfig(rpy_deg=rpy_deg)))
+    assert found.navigation.fits
+    assert found.navigation.advice.startswith("the camera is rotated by ")
+    right = seen(vehicle().read()).placement.T_world_camera
+    turned = np.swapaxes(right[:, :3, :3], 1, 2) @ found.placement.T_world_camera[:, :3, :3]
+    assert np.degrees(np.arccos((np.trace(turned, axis1=1, axis2=2) - 1) / 2)).max() < 0.5
+
+
+@pytest.mark.parametrize("jump_m", [2.0, 100.0])
+def test_positions_that_jump_in_the_middle_are_no_arm_and_of_no_other_dive(
+    seen: Callable[[Trajectory], ComparedNavigation], jump_m: float
+) -> None:
+    t = vehicle()
+    late = (t.times_s > BEGIN_S + 24)[:, None]
+    navigation = seen(positions(t, lambda p: p + late * [jump_m, 0.0]).read()).navigation
+    assert not navigation.fits
+    assert navigation.advice == (
+        f"the given poses contradict the images: the given positions jump by {jump_m:.2f} m "
+        "relative to the images between f23 and f24; before and after they fit, and nothing shows "
+        "which are right"
+    )
+
+
+@pytest.mark.parametrize("drift_m", [[2.0, 0.6], [1.0, 0.3]])
+def test_positions_that_drift_are_no_arm(
+    seen: Callable[[Trajectory], ComparedNavigation], drift_m: list[float]
+) -> None:
+    t = vehicle()
+    part = (t.times_s - BEGIN_S)[:, None] / (LINES * LINE_S)
+    navigation = seen(positions(t, lambda p: p + part * drift_m).read()).navigation
+    assert navigation.fits and not navigation.advice
+
+
+def test_depths_with_noise_are_of_no_other_unit(
+    seen: Callable[[Trajectory], ComparedNavigation],
+) -> None:
+    t = vehicle()
+    noise_m = np.random.default_rng(2).normal(0, 0.3, len(t.depth_m))
+    navigation = seen(t._replace(depth_m=t.depth_m + noise_m).read()).navigation
+    assert navigation.fits and not navigation.advice
+
+
+@pytest.mark.parametrize(("axis", "name"), [(0, "right"), (1, "down"), (2, "forward")])
+def test_left_handed_poses_are_named_and_no_turn_of_the_camera(
+    seen: Callable[[Trajectory], ComparedNavigation], axis: int, name: str
+) -> None:
+    right, world, camera = vehicle().read(), np.eye(4), np.eye(4)
+    world[1, 1] = camera[axis, axis] = -1
+    T = world @ right.T_world_camera @ camera
+    navigation = seen(replace(right, T_world_camera=T, T_vehicle_camera=None)).navigation
+    assert not navigation.fits
+    assert f"left-handed, with the camera's {'xyz'[axis]} ({name}) mirrored" in navigation.advice
 
 
 def test_depths_that_stay_are_said(seen: Callable[[Trajectory], ComparedNavigation]) -> None:

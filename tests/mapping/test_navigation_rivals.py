@@ -187,3 +187,19 @@ def test_what_is_wrong_in_repeated_fixes_is_named(
 def test_right_tables_are_right(course: Course) -> None:
     navigation = told(course, {lines: 27, one_line: 9, corner: 40}[course])
     assert navigation.fits and not navigation.advice
+
+
+@pytest.mark.parametrize(
+    ("course", "lasts_s", "at_s", "jump_m"),
+    [(lines, 27, 12.0, [-3.1, -4.9]), (corner, 40, 20.9, [1.9, -1.8])],
+)
+def test_a_jump_of_positions_is_no_other_clock(
+    course: Course, lasts_s: float, at_s: float, jump_m: list[float]
+) -> None:
+    def jumping(t: Table) -> Table:
+        late = (t.times_s > BEGIN_S + at_s)[:, None]
+        return positions(t, lambda p: p + late * jump_m)
+
+    navigation = told(course, lasts_s, jumping)
+    assert not navigation.fits
+    assert ": the given positions jump by " in navigation.advice

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import REEF, Cli, CopyRun, Dive, SampleRun, contents
-from plane_decoder import dive_of
+from page_scripts import dive_of
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
@@ -577,7 +577,7 @@ def test_coded_ranges_are_exact_to_a_tenth_of_a_millimeter_at_a_meter() -> None:
     range_m[rng.random(range_m.shape) < 0.2] = np.nan
     unknown = np.full_like(range_m, np.nan)
     codes, step_per_m = range_codes(range_m, unknown)
-    found = np.where(codes >= 0, 1 / (codes * step_per_m), np.nan)
+    found = 1 / (np.where(codes > 0, codes, np.nan) * step_per_m)
     assert (np.isnan(found) == np.isnan(range_m)).all()
     assert np.nanmax(abs(found - range_m) / range_m**2) < 1e-4
 
@@ -595,7 +595,7 @@ def test_ranges_nearer_than_the_step_allows_take_a_coarser_one() -> None:
     range_m = np.array([[0.02, 0.5, np.nan]], np.float32)
     codes, step_per_m = range_codes(range_m, np.full_like(range_m, np.nan))
     assert step_per_m > RANGE_CODE.step_per_m
-    assert codes[0, 2] < 0 <= codes[0, :2].max() < 65536
+    assert codes[0, 2] == 0 < codes[0, :2].max() < 65536
     np.testing.assert_allclose(1 / (codes[0, :2] * step_per_m), range_m[0, :2], rtol=1e-3)
 
 

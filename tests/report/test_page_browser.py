@@ -28,7 +28,7 @@ from browser_pages import (
     window_place,
 )
 from conftest import Dive
-from plane_decoder import dive_of
+from page_scripts import dive_of
 from playwright.sync_api import (
     BrowserContext,
     Page,

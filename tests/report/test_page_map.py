@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, flat_frames, write_map
-from mesh_decoder import colors_of, triangles_of, values_of
-from plane_decoder import bytes_of, decoded, script_values
+from page_scripts import bytes_of, colors_of, numbers_of, script_values
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
@@ -25,7 +24,6 @@ from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece, rim_of
-from stereo_seecolor.report.mesh_code import Walk
 from stereo_seecolor.report.mesh_levels import Level, MeshSource, Numbered, cluster_vertices
 from stereo_seecolor.report.mesh_levels import levels as made_levels
 from stereo_seecolor.run_folder.layout import MESH
@@ -70,10 +68,15 @@ def mesh_levels(mesh: Piece, voxel_m: float, folder: Path) -> list[Level]:
 
 def unpacked(packed: dict[str, Any]) -> Piece:
     """What the page's program makes of a packed piece."""
-    triangles, beside = triangles_of(packed)
-    steps = values_of(packed["positions"], beside)
-    points = np.array(packed["low_m"]) + steps * packed["step_m"]
-    return whole(points.astype(np.float32), colors_of(packed["colors"], beside), triangles)
+    points_m, triangles = surface_of(packed)
+    return whole(points_m.astype(np.float32), colors_of(packed["colors"]), triangles)
+
+
+def surface_of(packed: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) in meters and triangles (T, 3)."""
+    steps = numbers_of(packed["positions"]).reshape(3, -1).T
+    triangles = numbers_of(packed["corners"]).reshape(-1, 3)
+    return np.array(packed["low_m"]) + steps * packed["step_m"], triangles
 
 
 def parts_of(path: Path) -> list[dict[str, Any]]:
@@ -93,37 +96,17 @@ def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
     return {tuple(int(v) for v in triangle.ravel()) for triangle in corners}
 
 
-@pytest.mark.slow
 def test_what_is_packed_comes_out_again() -> None:
     mesh, step_m = hills(), 0.0005
-    mesh = replace(mesh, colors=mesh.colors & 0xFC | 2)  # of those that the page can show
     found = unpacked(mesh.packed(step_m))
-    assert len(found.points_m) == len(mesh.points_m)
-    order, found_order = (
-        np.lexsort(mesh.points_m[:, :2].round(2).T),
-        np.lexsort(found.points_m[:, :2].round(2).T),
-    )
-    np.testing.assert_allclose(
-        found.points_m[found_order], mesh.points_m[order], atol=step_m / 2 + 1e-5
-    )
-    assert (found.colors[found_order] == mesh.colors[order]).all()
-    assert by_colors(mesh) == by_colors(found)
-
-
-def by_colors(piece: Piece) -> list[list[tuple[int, ...]]]:
-    """Triangles as the colors of their corners, in no order, each from its least corner on: turned,
-    it is the same triangle.
-    """
-    corners = [
-        [tuple(map(int, color)) for color in triangle] for triangle in piece.colors[piece.triangles]
-    ]
-    return sorted(min(triangle[i:] + triangle[:i] for i in range(3)) for triangle in corners)
+    np.testing.assert_allclose(found.points_m, mesh.points_m, atol=step_m / 2 + 1e-5)
+    np.testing.assert_array_equal(found.triangles, mesh.triangles)
 
 
 def test_colors_are_a_step_of_two_off_at_most() -> None:
     mesh = hills()
     shown = unpacked(mesh.packed(0.001)).colors.astype(int)
-    assert abs(shown - mesh.colors[Walk.over(mesh.triangles).vertex]).max() <= 2
+    assert abs(shown - mesh.colors).max() <= 2
 
 
 @pytest.mark.usefixtures("small_pieces")
@@ -143,42 +126,9 @@ def test_the_rim_of_a_mesh_is_dark_and_the_seams_of_its_tiles_are_not(tmp_path: 
     shown = [tile for _, tile in finest.tiles()]
     for tile in shown:
         dark = unpacked(tile.packed(0.001)).colors[:, 0] < 150
-        assert (dark == tile.rim[Walk.over(tile.triangles).vertex]).all()
+        assert (dark == tile.rim).all()
     rims = np.unique(np.concatenate([tile.points_m[tile.rim] for tile in shown]), axis=0)
     assert len(rims) == (border | beside).sum()
-
-
-def test_a_triangle_takes_three_bytes_and_its_corners_three_bits_of_them() -> None:
-    mesh, count = hills(300), 2 * 299**2
-    packed = mesh.packed(0.01 / 16)
-    walk = len(packed["steps"]) + len(packed["far"])
-    assert 8 * walk < 3 * count
-    assert walk + len(packed["positions"]) + len(packed["colors"]) < 3 * count
-
-
-def test_meshes_of_several_parts_with_holes_and_bows_come_out_again() -> None:
-    """Also of triangles that only share a corner, three at an edge, and sides that are turned."""
-    rng = np.random.default_rng(3)
-    grid = hills(20).triangles
-    several = np.concatenate([grid[rng.random(len(grid)) > 0.2], 400 + grid, [[400, 3, 7]]])
-    turned = several.copy()
-    turned[::7] = turned[::7, ::-1]
-    bow = np.array([[0, 1, 2], [0, 3, 4]])
-    fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [4, 1, 5]])
-    sphere = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [3, 2, 1]])
-    random = rng.integers(0, 40, (200, 3))
-    random = random[(random != np.roll(random, 1, axis=1)).all(axis=1)]
-    for triangles in (several, turned, bow, fan, sphere, random):
-        walk = Walk.over(triangles)
-        found, beside = triangles_of(walk.packed() | {"triangles": len(triangles)})
-        assert turned_first(walk.vertex[found]) == turned_first(triangles)
-        assert (beside == walk.beside).all()
-
-
-def turned_first(triangles: np.ndarray) -> list[tuple[int, ...]]:
-    """Triangles in no order, each from its least corner on."""
-    rows = [tuple(row) for row in triangles.tolist()]
-    return sorted(min(row[i:] + row[:i] for i in range(3)) for row in rows)
 
 
 @pytest.mark.usefixtures("small_pieces")
@@ -295,8 +245,8 @@ def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
     heights_m = (-12 + np.cumsum(rng.normal(0, 0.01, (70, 90)), axis=1)).astype(np.float32)
     heights_m[rng.random(heights_m.shape) < 0.2] = np.nan
     packed = coded_heights(heights_m)
-    codes, known = (decoded(packed[name], heights_m.shape) for name in ("heights", "known"))
-    found = np.where(known > 0, packed["low_m"] + codes * packed["step_m"], np.nan)
+    codes = numbers_of(packed["heights"]).reshape(heights_m.shape)
+    found = np.where(codes > 0, packed["low_m"] + (codes - 1) * packed["step_m"], np.nan)
     assert (np.isnan(found) == np.isnan(heights_m)).all()
     assert np.nanmax(abs(found - heights_m)) < 5e-5
 
@@ -498,9 +448,8 @@ def test_the_surface_shows_lines_as_strong_as_the_frames_do(
             if "jpeg" not in page:  # the rim, which no image shows
                 continue
             image = cv2.imdecode(np.frombuffer(page["jpeg"], np.uint8), cv2.IMREAD_GRAYSCALE)
-            corners, beside = triangles_of(page)
-            points_m = values_of(page["positions"], beside) * page["step_m"] + page["low_m"]
-            uv = values_of(page["uv"], beside) / page["uv_steps"] - 0.5
+            points_m, corners = surface_of(page)
+            uv = numbers_of(page["uv"]).reshape(2, -1).T / page["uv_steps"] - 0.5
             for weights in np.random.default_rng(1).dirichlet(np.ones(3), 4):
                 inside = np.einsum("k,tkc->tc", weights, points_m[corners])
                 place = np.einsum("k,tkc->tc", weights, uv[corners]).astype(np.float32)

@@ -5,7 +5,7 @@ them there.
 from pathlib import Path
 
 import pytest
-from plane_decoder import dive_of
+from page_scripts import dive_of
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.shard import Shard

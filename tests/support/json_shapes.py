@@ -124,6 +124,7 @@ SHAPES: dict[str, Shape] = {
     "live": {
         **keys(int, "done failed biased dropped"),
         **keys(str, "last_error reduced waiting"),
+        **keys(bool, "has_unpaired"),
         "notes": [str],
         "wrong": [str],
         **keys(UNKNOWN, "latency_median_s latency_p95_s products_median_s products_p95_s"),

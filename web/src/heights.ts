@@ -1,7 +1,7 @@
 // Heights of the map's terrain at full precision: tiles, loaded as scripts when they are asked for (stereo_seecolor/report/height_code.py).
 
 import type { Place } from "./about";
-import { decoded, inflated } from "./codes";
+import { inflated, numbers } from "./codes";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
 
@@ -15,7 +15,6 @@ interface Packed {
   low_m: number;
   step_m: number;
   heights: string;
-  known: string;
   gaps?: string;
   sides?: string;
 }
@@ -105,9 +104,8 @@ export class Heights {
     const packed = received.get(name);
     if (!packed) return;
     received.delete(name);
-    const { width, height, low_m, step_m } = packed;
-    const known = decoded(packed.known, width, height);
-    const heights_m = Float32Array.from(decoded(packed.heights, width, height), (code, i) => (known[i] ? low_m + code * step_m : NaN));
+    const { width, low_m, step_m } = packed;
+    const heights_m = Float32Array.from(await numbers(packed.heights), (code) => (code ? low_m + (code - 1) * step_m : NaN));
     const [gaps, sides] = await Promise.all([packed.gaps, packed.sides].map((each) => (each ? inflated(each) : null)));
     this.tiles.set(name, { width, heights_m, gaps, sides });
     if (this.tiles.size > MOST_KEPT) this.tiles.delete(this.tiles.keys().next().value as string);

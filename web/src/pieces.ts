@@ -2,21 +2,17 @@
 
 import { Box3, BufferAttribute, BufferGeometry, LinearMipmapNearestFilter, Mesh, MeshBasicMaterial, Sphere, Texture, Vector3, type Material } from "three";
 import type { Piece } from "./about";
-import { fromText, inflated } from "./codes";
+import { fromText, numbers } from "./codes";
 import { script } from "./scripts";
 import { seecolor } from "./shared";
-import { walked } from "./walk";
 
 const BLOCK_TRIANGLES = 4000; // drawn in a millisecond without a graphics card
 
 interface Surface {
-  vertices: number;
-  triangles: number;
   low_m: number[];
   step_m: number[];
-  steps: string;
-  far: string;
   positions: string;
+  corners: string;
 }
 
 interface Packed extends Surface {
@@ -66,13 +62,13 @@ export function dispose(parts: Mesh[], material: Material): void {
 }
 
 async function withColors(packed: Packed): Promise<BufferGeometry> {
-  const [{ geometry, beside }, colors] = await Promise.all([surface(packed), inflated(packed.colors)]);
-  return geometry.setAttribute("color", new BufferAttribute(opaque(colors, beside), 4, true));
+  const [geometry, colors] = await Promise.all([surface(packed), numbers(packed.colors)]);
+  return geometry.setAttribute("color", new BufferAttribute(opaque(colors), 4, true));
 }
 
 async function withPlaces(page: Page): Promise<BufferGeometry> {
-  const [{ geometry, beside }, bytes] = await Promise.all([surface(page), inflated(page.uv)]);
-  const uv = placed(bytes, beside, [0, 0], page.size.map((size) => 1 / page.uv_steps / size));
+  const [geometry, steps] = await Promise.all([surface(page), numbers(page.uv)]);
+  const uv = placed(steps, [0, 0], page.size.map((size) => 1 / page.uv_steps / size));
   return geometry.setAttribute("uv", new BufferAttribute(uv, 2));
 }
 
@@ -87,14 +83,12 @@ async function painted(jpeg: string): Promise<Material> {
   return new MeshBasicMaterial({ map: texture, side: 2 });
 }
 
-/** beside: of each vertex the one that its values differ from. */
-async function surface(packed: Surface): Promise<{ geometry: BufferGeometry; beside: Int32Array }> {
-  const [steps, far, positions] = await Promise.all([packed.steps, packed.far, packed.positions].map(inflated));
-  const { indices, beside } = walked(steps, far, packed.vertices, packed.triangles);
+async function surface(packed: Surface): Promise<BufferGeometry> {
+  const [positions, corners] = await Promise.all([packed.positions, packed.corners].map(numbers));
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(placed(positions, beside, packed.low_m, packed.step_m), 3));
-  geometry.setIndex(new BufferAttribute(indices, 1));
-  return { geometry, beside };
+  geometry.setAttribute("position", new BufferAttribute(placed(positions, packed.low_m, packed.step_m), 3));
+  geometry.setIndex(new BufferAttribute(Uint32Array.from(corners), 1));
+  return geometry;
 }
 
 /** A surface in square blocks with the same vertices: those out of sight are neither drawn nor searched for what was clicked. */
@@ -131,28 +125,24 @@ function blocks(whole: BufferGeometry, material: Material): Mesh[] {
     });
 }
 
-/** Values of each vertex, axis after axis: differences in steps, of either sign, in three bytes, the lowest of all first. */
-function placed(bytes: Uint8Array, beside: Int32Array, low: number[], step: number[]): Float32Array {
-  const count = bytes.length / 3;
-  const values = new Float32Array(count);
-  const sums = new Int32Array(beside.length);
+/** Values of each vertex, from steps axis after axis. */
+function placed(steps: Int32Array, low: number[], step: number[]): Float32Array {
+  const count = steps.length / low.length;
+  const values = new Float32Array(steps.length);
   low.forEach((from, axis) => {
-    for (let i = 0, at = axis * beside.length; i < beside.length; i++, at++) {
-      const folded = bytes[at] | (bytes[count + at] << 8) | (bytes[2 * count + at] << 16);
-      sums[i] = (i ? sums[beside[i]] : 0) + ((folded >>> 1) ^ -(folded & 1));
-      values[low.length * i + axis] = from + sums[i] * step[axis];
-    }
+    for (let i = 0; i < count; i++) values[low.length * i + axis] = from + steps[axis * count + i] * step[axis];
   });
   return values;
 }
 
-/** Colors of 64 steps, red and blue as their differences from green; opaque, so that each takes a whole word of memory. */
-function opaque(bytes: Uint8Array, beside: Int32Array): Uint8Array {
-  const count = beside.length;
-  const [red, green, blue] = [0, 1, 2].map((channel) => bytes.slice(channel * count, (channel + 1) * count));
-  for (const sums of [red, green, blue]) for (let i = 1; i < count; i++) sums[i] += sums[beside[i]];
+/** Colors of 64 steps, channel after channel, red and blue as their differences from green; opaque, so that each takes a whole word of memory. */
+function opaque(steps: Int32Array): Uint8Array {
+  const count = steps.length / 3;
   const colors = new Uint8Array(4 * count).fill(255);
-  const shown = (step: number) => 4 * (step & 63) + 2;
-  for (let i = 0; i < count; i++) colors.set([shown(red[i] + green[i]), shown(green[i]), shown(blue[i] + green[i])], 4 * i);
+  const shown = (step: number) => 4 * step + 2;
+  for (let i = 0; i < count; i++) {
+    const green = steps[count + i];
+    colors.set([shown(green + steps[i]), shown(green), shown(green + steps[2 * count + i])], 4 * i);
+  }
   return colors;
 }

@@ -1,6 +1,6 @@
 // A frame's ranges: loaded as a script, decoded, and turned into meters (stereo_seecolor/report/range_code.py).
 
-import { decoded } from "./codes";
+import { numbers } from "./codes";
 import { address, type Dive } from "./dive";
 import { script } from "./scripts";
 
@@ -14,7 +14,6 @@ interface Packed {
   width: number;
   step_per_m: number;
   ranges: string;
-  known: string;
   std: string;
   confidence: string;
   mask: string;
@@ -58,17 +57,14 @@ function load(dive: Dive, name: string): Promise<Packed> {
   });
 }
 
-function unpack({ width, height, step_per_m, ...packed }: Packed): Ranges {
-  const [across, down] = [Math.ceil(width / OVERLAY_STEP_PX), Math.ceil(height / OVERLAY_STEP_PX)];
-  const codes = decoded(packed.ranges, width, height);
-  const known = decoded(packed.known, width, height);
-  const std = decoded(packed.std, Math.ceil(width / STD_BLOCK_PX), Math.ceil(height / STD_BLOCK_PX));
+async function unpack({ width, height, step_per_m, ...packed }: Packed): Promise<Ranges> {
+  const [codes, std, confidence, mask] = await Promise.all([packed.ranges, packed.std, packed.confidence, packed.mask].map(numbers));
   return {
     width,
     height,
-    range_m: Float32Array.from(codes, (code, i) => (known[i] ? 1 / (code * step_per_m) : NaN)),
+    range_m: Float32Array.from(codes, (code) => (code ? 1 / (code * step_per_m) : NaN)),
     std_m: Float32Array.from(std, (code) => (code ? STD_FLOOR_M * 2 ** ((code - 1) / STD_STEPS_PER_OCTAVE) : NaN)),
-    confidence: Uint8Array.from(decoded(packed.confidence, across, down), (code) => 16 * code),
-    mask: Uint8Array.from(decoded(packed.mask, across, down)),
+    confidence: Uint8Array.from(confidence, (code) => 16 * code),
+    mask: Uint8Array.from(mask),
   };
 }

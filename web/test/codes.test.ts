@@ -1,12 +1,12 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { decoded, fromText } from "../src/codes";
+import { fromText, numbers } from "../src/codes";
 
-// as stereo_seecolor/report/templates.py and plane_code.py write them
+// as stereo_seecolor/report/templates.py and number_code.py write them
 
-test("whole numbers are predicted from their neighbors, with small and large errors", () => {
-  const text = "1\ufcb5\uadbe\u0100\u40a7\uc009\u0100\u99ca\u0100\u4028\u6000\u45ef\u95c3\u0100\u4041\ufb00\u4796\u63dc\ud21c\ue81e\ub4d5\u92f6\u7e2a\uc80b\u3ff3\u0100\u401a";
-  assert.deepEqual([...decoded(text, 5, 4)], [0, 1, 2, 3, 4, 0, 1, 65535, 3, 4, 7, 7, 7, 300, 7, 9, 8, 7, 6, 5]);
+test("whole numbers are the sums of their differences, which have either sign and three bytes", async () => {
+  const text = "1\u0178\u6063\u0202\u4676\uef86\u6c4c\u0c0c\u9e5e\ufe9f\u4033\u7fc1\u2006\u6260\u5412\u8066\u2600\u0646\ua830\u02fa\ua800\u0651\u0100\u403c";
+  assert.deepEqual([...(await numbers(text))], [0, 1, 2, 3, 4, 0, -1, 65535, 3, 4, 7, 7, 7, 300, 7, 4000000, -4000000]);
 });
 
 test("bytes of a script are those that were written, two a character, those that a text may not hold behind another", () => {

@@ -17,7 +17,7 @@ ALIASES = {
         "quaternion": "q quat quaternion qvec xyzw wxyz",
         # whose order of turns differs between programs
         "angles": "euler rpy angles deg degrees roll pitch yaw",
-        "translation": "t trans* tvec trns tstereo stereot",
+        "translation": "t tran trans* tvec trns tstereo stereot",
         "place": "position pos xyz center centre place",
         "transform": "t rt trans* extrinsics? pose stereo",
         "transform from a camera": "sc bs wc bc ic",
@@ -41,7 +41,8 @@ ALIASES = {
         " error errors err covariance sigma uncertainty guess initial sensor pixel cell world map"
         " vehicle robot",
         # nothing without another word: the key above is asked
-        "nothing": "matrix mat data values? val array vector cam camera coefficients rows? 0 1 2",
+        "nothing": "matrix mat data values? val array vector cam camera coefficients parameters"
+        " params rows? 0 1 2",
         # a key under which a camera's mapping says which one it is
         "name of a camera": "name id label side position location role which camera",
         # models of lenses, without underscores
@@ -78,10 +79,10 @@ TWO_SIDES = {"lr": ("l", "r"), "rl": ("r", "l")}
 """Words of both sides: ``T_rl`` is ``T_right_left``."""
 NUMBERS = _by_spelling(
     {
-        "fx": "fx focalx focallengthx f focal focallength focallengthpx",
+        "fx": "fx focalx focallengthx f focal focallength",
         "fy": "fy focaly focallengthy",
-        "cx": "cx u0 ppx centerx principalpointx principalptx",
-        "cy": "cy v0 ppy centery principalpointy principalpty",
+        "cx": "cx u0 ppx centerx principalpointx principlepointx principalptx",
+        "cy": "cy v0 ppy centery principalpointy principlepointy principalpty",
         "skew": "skew",
     }
 )
@@ -89,6 +90,7 @@ NUMBERS = _by_spelling(
 PAIRS = {
     "focal": ("fx", "fy"),
     "principal": ("cx", "cy"),
+    "principle": ("cx", "cy"),
     "center": ("cx", "cy"),
     "tangential": ("p1", "p2"),
 }

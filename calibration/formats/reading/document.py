@@ -243,11 +243,11 @@ def _parse_yaml(text: str) -> Any:
 
 
 def _repair(text: str) -> str:
-    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:
-    rotation_matrix:` on one line.
+    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `PointSize:2`,
+    `extrinsics: rotation_matrix:` on one line.
     """
     text = re.sub(r"\A\s*%YAML.*\n(---.*\n)?", "", text)
-    text = re.sub(r"^([ \t]*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
+    text = re.sub(r"^([ \t]*[A-Za-z_][\w.]*):(?=[-+.\d\[])", r"\1: ", text, flags=re.MULTILINE)
     indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
     if indent:
         text = re.sub(

@@ -41,10 +41,17 @@ class Parts:
     doubts: tuple[str, ...] = ()
 
     def get(self, role: Role, side: Side = "") -> Leaf | None:
-        """The leaf of a role, of several the outermost; None without one."""
+        """The leaf of a role, of several one into a camera's axes, and the outermost; None without
+        one.
+        """
         return min(
             self.table.get((role, side), []),
-            key=lambda leaf: (not _is_named(role, leaf), len(leaf.path)),
+            key=lambda leaf: (
+                not _is_named(role, leaf),
+                leads_from_camera(words(leaf.path[-1])),
+                len(leaf.path),
+                role == "R" and leaf.numbers.size == 3,  # a matrix before a vector
+            ),
             default=None,
         )
 
@@ -79,7 +86,8 @@ def find(content: Mapping[str, Any]) -> Parts:
         own = _in_order([leaf for leaf, _ in lenses], found)
         table |= own
         if own:
-            left = ".".join(lenses[0][0].path[:-1])
+            paths = [lens.path for lens, _ in lenses]
+            left = ".".join(paths[0][: None if paths[0][:-1] == paths[1][:-1] else -1])
             doubts = (
                 (f"no name identifies the left camera: the first, {left}, is used as the left one"),
             )
@@ -100,6 +108,8 @@ def describe_miscount(content: Mapping[str, Any]) -> str:
     """
     for leaf in leaves(content):
         said = words(leaf.path[-1])
+        if _names_matrix({*said}):
+            said = ("k", *said)
         if words_for(said, "distortion", "size") or _role(leaf) or _is_of_sensor(leaf, False):
             continue
         for fact, (names, counts) in COUNTS.items():
@@ -123,13 +133,20 @@ def _in_order(
     lenses: list[Leaf], found: list[tuple[Role, Leaf]]
 ) -> dict[tuple[Role, Side], list[Leaf]]:
     above = [lens.path[:-1] for lens in lenses]
-    if above[0] == above[1]:
+    names = [set(words(lens.path[-1])) for lens in lenses]
+    beside = above[0] == above[1]
+    if beside and not (
+        names_lens(names[0] & names[1]) and names[0] - names[1] and names[1] - names[0]
+    ):
         return {}
     own: dict[tuple[Role, Side], list[Leaf]] = {("K", ""): []}
     sides: tuple[Side, Side] = ("left", "right")
     for role, leaf in found:
-        for side, place in zip(sides, above, strict=True):
-            if leaf.path[: len(place)] == place:
+        for side, place, name, other in zip(sides, above, names, names[::-1], strict=True):
+            # K_top and dist_top
+            if leaf.path[: len(place)] == place and (
+                not beside or (name - other) & set(words(leaf.path[-1]))
+            ):
                 own.setdefault((role, side), []).append(leaf)
     return own
 
@@ -183,8 +200,10 @@ def _role(leaf: Leaf) -> Role | None:
     ignored = words_for({word for said in every for word in said}, "no part")
     if ignored and not (
         ignored <= {"sensor", *words_for(ignored, "body")}
-        and leaf.numbers.size > 9
-        and as_transform(leaf.numbers) is not None
+        and (
+            as_transform(leaf.numbers) is not None
+            or (leaf.numbers.size in (3, 9) and len(set(_axes(every[-1]))) == 2)
+        )
     ):
         return None
     naming = _naming(leaf)
@@ -197,7 +216,7 @@ def _role(leaf: Leaf) -> Role | None:
         and words_for(naming[1], *OF_CAMERA)
     ):
         said = naming[1]  # ``dist_coeffs: {left: ..., right: ...}``
-    if {"camera", "matrix"} <= set(every[-1]):
+    if _names_matrix(set(every[-1])):
         said = {"k", *every[-1]}
     return _role_by(said, leaf.numbers)
 
@@ -243,6 +262,15 @@ def _role_of_three(said: set[str], of_rotation: bool) -> Role | None:
     return "R" if of_rotation and not of_translation else "T" if of_translation else None
 
 
+def names_lens(said: set[str]) -> bool:
+    """Tell whether words name a camera matrix."""
+    return bool(words_for(said, "camera matrix")) or _names_matrix(said)
+
+
+def _names_matrix(said: set[str]) -> bool:
+    return bool({"camera", "cam"} & said and {"matrix", "mat"} & said)
+
+
 def _is_named(role: Role, leaf: Leaf) -> bool:
     """Tell whether a word says that a leaf is a rotation; true for other roles."""
     said = {word for key in leaf.path for word in words(key)}
@@ -258,8 +286,7 @@ def _role_of_nine(said: set[str], numbers: Numbers, of_rotation: bool) -> Role |
         return "K"
     if is_rotation(numbers):
         return "R"
-    of_lens = words_for(said, "camera matrix") or {"camera", "matrix"} <= said
-    return "K" if of_lens else "R" if of_rotation else None
+    return "K" if names_lens(said) else "R" if of_rotation else None
 
 
 def as_transform(numbers: Numbers) -> Numbers | None:

@@ -63,7 +63,7 @@ def words(key: str) -> tuple[str, ...]:
     return tuple(
         word.lower()
         for word in re.findall(
-            r"\b(?:[KMDRTP](?=[LR]\b)|[KMDkmd](?=[lr]\b))|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key
+            r"\b(?:[KMDRTP](?=[LRlr]\b)|[kmd](?=[lr]\b))|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", key
         )
     )
 
@@ -83,7 +83,7 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
     names = (
         str(value)
         for key, value in content.items()
-        if isinstance(value, (str, int)) and words_for(words(str(key)), "name of a camera")
+        if isinstance(value, (str, int)) and _holds_name(words(str(key)))
     )
     if name := next((name for name in names if _says_which(words(name))), ""):
         path = (*path, name)
@@ -106,9 +106,29 @@ def leaves(content: Mapping[Any, Any], path: tuple[str, ...] = ()) -> Iterator[L
     yield from _assembled(few, path)
 
 
+def _holds_name(said: tuple[str, ...]) -> bool:
+    """Tell whether a key leads to a camera's name: ``camera_id``, but not ``nb_camera`` or
+    ``board_id``.
+    """
+    naming = words_for(said, "name of a camera")
+    return bool(naming) and (
+        said == ("camera",)
+        or (naming != {"camera"} and not ({*said} - naming - {"cam", "sensor", "frame", "device"}))
+    )
+
+
 def _says_which(said: tuple[str, ...]) -> bool:
     """Tell whether a name says the side of a camera, or that it is of another sensor."""
     return bool(side_marks(said) or words_for(said, "sensor"))
+
+
+def keys(content: Mapping[Any, Any]) -> Iterator[str]:
+    """All keys of a mapping, at any depth."""
+    for key, value in content.items():
+        yield str(key)
+        for inner in value if isinstance(value, list) else [value]:
+            if isinstance(inner, Mapping):
+                yield from keys(inner)
 
 
 def texts(content: Mapping[Any, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -213,6 +233,8 @@ def _side_and_name(key: str) -> tuple[tuple[str, ...], str]:
         if re.fullmatch(r"left|right|l|r|port|starboard|(cam|camera)?[012]", part)
     )
     rest = [part for part in parts if part not in side]
+    if rest[-1:] in (["px"], ["pix"], ["pixel"], ["pixels"]) and len(rest) > 1:
+        rest.pop()
     name = "".join(rest)
     if name[-1:] in ("0", "1", "2") and (
         (name not in NUMBERS and name[:-1] in NUMBERS) or "radial" in name or "tangential" in name

@@ -33,6 +33,14 @@ _FACTOR = re.compile(r"\s*(\d(?:\.\d*)?e[-+]?\d+)[ \t]*\*\s")
 """Of a matrix as MATLAB's window displays it: ``1.0e+03 *`` above its rows."""
 _ERROR = re.compile(r"(?:±|\+/-|\+-)[^\n]*")
 """The standard error behind a number or a vector."""
+_LABELED = re.compile(
+    r"^[A-Za-z][^\n:=\[]*:[ \t]+(\w+)[ \t]*=[ \t]*(\[[^\]\n]*\])[^\n]*", re.MULTILINE
+)
+"""As Bouguet's toolbox prints a result: ``Focal Length: fc_left = [ 767.5 764.2 ] ± [ 1.1 1.1 ]``,
+in any encoding of the sign.
+"""
+_RULE = re.compile(r"^\s*([=*~-])\1+|([=*~-])\2+\s*$")
+"""Around a heading: ``=== LEFT CAMERA ===``."""
 _COMMENT = re.compile(r"%|#|//|\.\.\.\s*$")
 
 
@@ -44,6 +52,8 @@ def read(text: str) -> dict[str, Any] | None:
         )
     if re.search(r"^P(_rect_0)?[0-3]:[ \t]*[-+.\d]", text, re.MULTILINE):
         return _parse_lines(text, ":")
+    if printed := _LABELED.findall(text):  # of results before and after optimization the last
+        return {name: numbers_of_text(body) for name, body in printed}
     if text.startswith("# oST version"):
         return _parse_ost(text)
     if re.search(r"^\d+ [A-Z_]+ \d+ \d+ [-\d.]", text, re.MULTILINE):
@@ -112,15 +122,15 @@ def _named(text: str) -> Iterator[tuple[str, str]]:
     """Names, and the text after each up to the next."""
     name, body = "", ""
     for line in text.splitlines():
-        plain = _COMMENT.split(line)[0].strip()
-        marked = re.match(r"[\"']?([A-Za-z][^:=\[]*)[:=]\s*(.*)", plain)
+        plain = _RULE.sub("", _COMMENT.split(line)[0]).strip()
+        marked = re.match(r"[\"']?([A-Za-z](?:[^:=\[]|\[[A-Za-z]+\])*)[:=]\s*(.*)", plain)
         bare = re.match(r"([A-Za-z]\w*)[\s,;]+(?=[-+.\d\[(])(.*)", plain) or re.match(
             r"([A-Za-z][^,;\[\]]*)()$", plain
         )
         if (found := marked or bare) and not _AROUND.match(plain):
             if name:
                 yield name, body
-            name, body = found[1].strip("\"' \t"), found[2]
+            name, body = found[1].strip("\"' \t").removeprefix("self."), found[2]
         else:
             body += f"\n{plain}"
     if name:

@@ -81,7 +81,7 @@ def pose_in_meters(document: Section, parts: Parts) -> Pose | None:
     pose = _in_meters(document, first, parts)
     others: list[str] = []
     with suppress(CalibrationError):
-        for other in found:
+        for other in (one for one in found if one.T[:3, 3].any()):
             lengths_mm = [
                 1000 * float(np.linalg.norm(one.T[:3, 3]))
                 for one in (pose, _in_meters(document, other, parts))

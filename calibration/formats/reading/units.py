@@ -38,8 +38,9 @@ def to_meters(translation: Array, stated: str | None) -> tuple[Array, tuple[str,
                 if stated
                 else f"the file names no unit of the baseline {length:g}"
             )
+            squares = ", and not as squares of a board" if unit == "centimeters" else ""
             return translation * factor, (
-                f"{reason}: it is read as {unit}, {length * factor * 1000:.1f} mm",
+                f"{reason}: it is read as {unit}{squares}, {length * factor * 1000:.1f} mm",
             )
     return translation * (named or 1.0), ()
 

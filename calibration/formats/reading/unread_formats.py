@@ -27,6 +27,8 @@ FOREIGN = {
     ),
     "a lens of Gyroflow": r"\"calibrated_by\"\s*:|\"fisheye_params\"\s*:",
     "a mission of oplab": r"\A(?:\s|#.*\n|version\s*:.*\n)*(?:origin|mission|vehicle)\s*:[\s\S]*?(?:records_|surge_m|latitude)",  # noqa: E501
+    "a lens of Scaramuzza's OCamCalib": r"\bocam_model\b",
+    "a rig of the Ames Stereo Pipeline": r"^ref_sensor_name:",
     "a camera of mrcal": r"^[ \t]*[\"']?lensmodel[\"']?\s*:",
 }
 

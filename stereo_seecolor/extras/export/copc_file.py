@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from stereo_seecolor.errors import library_for
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.files.ply import read_vertices
@@ -71,7 +72,7 @@ def write(posed: PosedRun, folder: Path) -> str:
         file.AddNode(copclib.VoxelKey(level, *cell), copclib.VectorChar(content))
         nodes += 1
     file.Close()
-    return f"{len(cloud):,} points in {nodes} nodes"
+    return f"{len(cloud):,} points in {counted(nodes, 'node')}"
 
 
 def octree(

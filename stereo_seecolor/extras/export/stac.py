@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.errors import counted
 from stereo_seecolor.earth import degrees_from_north_east, within_180
 from stereo_seecolor.extras.export.export_format import ExportFormat
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
@@ -30,6 +31,8 @@ from stereo_seecolor.run_folder.posed_run import PosedRun
 
 VERSION = "1.0.0"
 COLLECTION = "collection.json"
+UNDATED = "stereo-seecolor:undated"
+"""The property of an item whose times are those of processing."""
 ASSETS: dict[str, tuple[str, str]] = {
     INDEX: ("text/html", "the page of the run"),
     FRAMES_TABLE: ("text/csv", "a row for each pair"),
@@ -68,7 +71,10 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
     run, made = open_run(out), open_map(out)
     box = _box(made) if made else None
     there = {path: about for path, about in ASSETS.items() if (out / path).is_file()}
-    what = f"{len(run.frames)} frames of a stereo camera, corrected for the water"
+    times = _times(run)
+    what = f"{counted(len(run.frames), 'frame')} of a stereo camera, corrected for the water"
+    if times.get(UNDATED):
+        what += "; the times are those of processing, since the frames tell no date"
     up = [
         {"rel": kind, "href": COLLECTION, "type": "application/json"}
         for kind in ("collection", "parent", "root")
@@ -79,7 +85,7 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
         "id": name,
         "geometry": _polygon(box) if box else None,
         **({"bbox": box} if box else {}),
-        "properties": {**_times(run), "title": name, "description": what},
+        "properties": {**times, "title": name, "description": what},
         "links": up,
         "collection": "dives",
         "assets": {
@@ -98,14 +104,17 @@ def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
     boxes = [one["bbox"] for one in items if "bbox" in one]
     whole = _around(boxes) if boxes else None
     times = sorted(
-        one["properties"][key] for one in items for key in ("start_datetime", "end_datetime")
+        one["properties"][key]
+        for one in items
+        for key in ("start_datetime", "end_datetime")
+        if not one["properties"].get(UNDATED)
     )
     return {
         "type": "Collection",
         "stac_version": VERSION,
         "id": "dives",
         "title": title,
-        "description": f"{len(items)} dives of a stereo camera",
+        "description": f"{counted(len(items), 'dive')} of a stereo camera",
         "license": "other",
         "extent": {
             "spatial": {"bbox": [whole or [-180.0, -90.0, 180.0, 90.0]]},
@@ -118,11 +127,12 @@ def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
     }
 
 
-def _times(run: FinishedRun) -> dict[str, str | None]:
-    """When the frames were taken; when they were processed, where they tell no date."""
-    times = [frame.taken for frame in run.frames if frame.taken] or [
-        datetime.fromisoformat(run.made)
-    ]
+def _times(run: FinishedRun) -> dict[str, str | bool | None]:
+    """When the frames were taken; when they were processed, where they tell no date, since an item
+    must have a time.
+    """
+    taken = [frame.taken for frame in run.frames if frame.taken]
+    times = taken or [datetime.fromisoformat(run.made)]
     first, last = (
         time.astimezone(UTC).isoformat(timespec="milliseconds") for time in (min(times), max(times))
     )
@@ -130,6 +140,7 @@ def _times(run: FinishedRun) -> dict[str, str | None]:
         "datetime": None,
         "start_datetime": first.replace("+00:00", "Z"),
         "end_datetime": last.replace("+00:00", "Z"),
+        **({} if taken else {UNDATED: True}),
     }
 
 

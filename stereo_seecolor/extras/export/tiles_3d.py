@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import counted
 from calibration.transforms import rigid_transform
 from stereo_seecolor.earth import (
     degrees_from_north_east,
@@ -32,6 +33,9 @@ NEAR_M = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
 """Points of a map in UTM by which it is put on the globe: its axes turn, and its lengths shrink,
 from place to place.
 """
+
+
+DEPTH_UNKNOWN = "the depths are unknown, so that the map lies near the water surface"
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,10 @@ def write(posed: PosedRun, folder: Path) -> str:
     }
     tileset = {"asset": asset, "geometricError": float(np.linalg.norm(high - low)), "root": root}
     (folder / "tileset.json").write_text(json.dumps(tileset, indent=2) + "\n", encoding="utf-8")
-    return f"{len(boxes)} tiles in {finest + 1} levels; the finest: {finest_is}"
+    is_known = posed.origin is None or posed.origin.depth_known
+    depth = "" if is_known else f"; {DEPTH_UNKNOWN}"
+    tiles = f"{counted(len(boxes), 'tile')} in {counted(finest + 1, 'level')}"
+    return f"{tiles}; the finest: {finest_is}{depth}"
 
 
 def _finest_level(posed: PosedRun, surface: SimplifiedSurface) -> int:

@@ -20,7 +20,7 @@ from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.errors import InputError, SeeColorError
+from stereo_seecolor.errors import ConfigError, InputError, SeeColorError
 from stereo_seecolor.extras.fleet.campaign_files import refuse_files_of_others
 from stereo_seecolor.extras.fleet.campaign_records import COLLECTION, RECORDS, write_records
 from stereo_seecolor.extras.fleet.campaign_states import (
@@ -45,6 +45,7 @@ SAID = {
     "string_pattern_mismatch": "a name has only letters, digits, _, - and ., and begins with a "
     "letter or digit",
     "too_short": "lists no dive",
+    **dict.fromkeys(("model_type", "dict_type"), "holds no lines of the form key: value"),
 }
 """Of pydantic's kinds of errors, those that its words explain badly."""
 
@@ -142,10 +143,16 @@ def campaign(
     """Run every dive of a campaign's file; each is resumed where it stopped. only_failed: skip
     those that are done.
 
-    Raises InputError for a file that cannot be used, OutputError where the table cannot be written.
+    Raises InputError for a file that cannot be used, ConfigError for settings of any dive, before
+    the first is run; OutputError where the table cannot be written.
     """
     plan = _Campaign(CampaignFile.read(file), file.parent)
     options = replace(options or RunOptions(), also_read=(file,))
+    for dive in plan.dives:
+        try:
+            plan.config(dive)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: dive {dive.name!r}: {error}") from error
     refuse_files_of_others(plan.root, plan.files)
     earlier = load_states(plan.root)
     begun = {

@@ -54,7 +54,7 @@ def merge(
         raise InputError(f"{twice}: is given twice: give each part once")
     opened_parts = [Part.open(part) for part in parts]
     missing = _missing_shards(opened_parts, partial)
-    opened, inputs = _opened(opened_parts, missing), _named_inputs(opened_parts[0].run.inputs)
+    opened, inputs = _opened(opened_parts, missing), _named_inputs(opened_parts[0])
     waters, pipeline = _waters(opened_parts), opened.pipeline
     read = [*inputs.paths, *(part.root / FRAMES_TABLE for part in opened_parts)]
     with RunFolder(
@@ -84,14 +84,15 @@ def merge(
         return run.summary
 
 
-def _named_inputs(names: Mapping[str, str]) -> DiveInputs:
-    """The inputs that the "inputs" of a run.json name."""
+def _named_inputs(part: Part) -> DiveInputs:
+    """The inputs that a part's run.json names."""
+    names = part.run.inputs
     if "bag" in names:
         inputs: DiveInputs = load("inputs", "bag").BagInputs(
-            Path(names["bag"]), names["calib"], names["topics"]
+            part.source(names["bag"]), names["calib"], names["topics"]
         )
         return inputs
-    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])
+    return StereoInputs(part.source(names["left"]), part.source(names["right"]), names["calib"])
 
 
 def _adopt(folder: RunFolder, other: Path, frame: FrameRecord) -> None:
@@ -191,7 +192,14 @@ def _opened(parts: Sequence[Part], missing: tuple[str, ...]) -> Opened:
         for row in part.rows
         if row.status == "unpaired"
     }
-    notes = (f"only a part of the dive: shard {', '.join(missing)} is missing",) if missing else ()
+    notes = [f"only a part of the dive: shard {', '.join(missing)} is missing"] if missing else []
+    waters = [water for part in parts if (water := part.shared_water)]
+    if any(water != waters[0] for water in waters):
+        notes.append(
+            "the parts were corrected with different water parameters: unless one --water with "
+            "those of each frame gave them, colors change from part to part: run all shards with "
+            "the same --water"
+        )
     rig_notes = dict.fromkeys(note for part in parts for note in part.rig_notes)
     pairing = Pairing(
         tuple(in_dive_order(_pairs(parts))),
@@ -215,7 +223,7 @@ def _pairs(parts: Sequence[Part]) -> list[Pair]:
         for row in part.rows:
             if row.status == "failed":
                 pairs.setdefault(
-                    row.name, Pair(row.name, Path(row.left), Path(row.right), row.timestamp_s)
+                    row.name, _pair(part, row.name, row.left, row.right, row.timestamp_s)
                 )
         for frame in part.frames():
             left, right = frame.inputs["left"], frame.inputs["right"]
@@ -225,10 +233,12 @@ def _pairs(parts: Sequence[Part]) -> list[Pair]:
                     f"{part.root} and {other.root}: contain two different pairs {frame.name!r}: "
                     "merge them separately"
                 )
-            pairs[frame.name] = Pair(
-                frame.name, Path(left.path), Path(right.path), frame.timestamp_s
-            )
+            pairs[frame.name] = _pair(part, frame.name, left.path, right.path, frame.timestamp_s)
     return list(pairs.values())
+
+
+def _pair(part: Part, name: str, left: str, right: str, timestamp_s: float | None) -> Pair:
+    return Pair(name, part.source(left), part.source(right), timestamp_s)
 
 
 def _waters(parts: Sequence[Part]) -> Mapping[str, Water] | None:

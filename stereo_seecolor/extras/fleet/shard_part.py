@@ -19,6 +19,7 @@ from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, WATER
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest
 from stereo_seecolor.run_folder.water_file import read_waters
+from stereo_seecolor.water.model import read_water_document
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +79,19 @@ class Part:
     def rig(self) -> Path:
         """The calibration as the run used it."""
         return self.root / RIG
+
+    def source(self, path: str) -> Path:
+        """An input of its run, as given where it is found so, else from where the run was."""
+        given = Path(path)
+        return given if given.exists() else self.run.working_directory / given
+
+    @property
+    def shared_water(self) -> Mapping[str, object] | None:
+        """The water that all its frames were corrected with; None of waters of single frames, and
+        where none was taken out yet.
+        """
+        path = self.root / WATER
+        return read_water_document(path).get("water") if path.exists() else None
 
     def frames(self) -> Iterator[FrameRecord]:
         """Read the records of its finished frames."""

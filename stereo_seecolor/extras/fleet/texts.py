@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from calibration.errors import counted
 from stereo_seecolor.cli.text import duration, lines, table
 
 if TYPE_CHECKING:
@@ -75,8 +76,8 @@ def plan_text(plan: "Plan") -> str:
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.stage_seconds.items())
     hours = [(str(workers), duration(3600 * hours)) for workers, hours in plan.wall_hours.items()]
     return lines(
-        f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} "
-        f"core-seconds each ({stages})",
+        f"{counted(plan.pairs, 'pair')}, {plan.measured} of them measured: "
+        f"{plan.core_seconds_per_pair:.2f} core-seconds each ({stages})",
         f"{plan.core_hours:.3g} core-hours without a map, {plan.fit_s:.1f} s of them for work that "
         "is done once",
         f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory "

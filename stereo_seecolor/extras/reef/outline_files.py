@@ -29,6 +29,8 @@ FARTHEST = 1e9
 """Meters and degrees are less: what is more is not a coordinate."""
 LOCAL_NAMES = ("local", "undefined", "unknown", "engcrs")
 """Words in the name of a system that is not a place on Earth: the map's own is meant."""
+DEFAULT_NAMES = ("crs84", "4326")
+"""The system of GeoJSON that names none, which programs also name without the user's doing."""
 OTHERS = (
     (b"\x00\x00\x27\x0a", "a Shapefile"), (b"SQLite format 3", "a GeoPackage"), (b"PK\x03\x04",
     "an archive"), (b"<", "XML or KML")
@@ -157,12 +159,18 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
     """
     member = content.get("crs") or {}
     named = member if isinstance(member, str) else (member.get("properties") or {}).get("name")
+    low = str(named or "").lower()
+    if any(word in low for word in LOCAL_NAMES):
+        return lambda ring: ring - posed.offset_m[:2]
     if posed.origin is None:
+        if low and not low.endswith(DEFAULT_NAMES):
+            raise InputError(
+                f"its crs {named!r:.80} is on Earth, but the map has only local meters: save the "
+                "polygons in the map's own system"
+            )
         return lambda ring: ring - posed.offset_m[:2]
     import pyproj
 
-    if named and any(word in str(named).lower() for word in LOCAL_NAMES):
-        return lambda ring: ring - posed.offset_m[:2]
     try:
         pyproj.CRS.from_user_input(named or "OGC:CRS84")
     except pyproj.exceptions.CRSError as error:

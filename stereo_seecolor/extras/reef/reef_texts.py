@@ -84,7 +84,7 @@ def comparison_text(comparison: "Comparison") -> str:
         lines(*head)
         + "\n"
         + _patches(comparison)
-        + "".join(f"  {path}\n" for path in comparison.files)
+        + lines(*(f"  {path}" for path in comparison.files))
     )
 
 
@@ -226,7 +226,7 @@ def markers_text(markers: "FoundMarkers") -> str:
     if markers.not_found:
         bars = ", ".join(markers.not_found)
         text.append(lines(f"bars of which a marker was not found in two frames: {bars}"))
-    return "\n".join(text) + "".join(f"  {path}\n" for path in markers.files)
+    return "\n".join(text) + lines(*(f"  {path}" for path in markers.files))
 
 
 def measures_text(results: "list[Measurement]") -> str:

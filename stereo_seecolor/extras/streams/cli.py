@@ -144,7 +144,8 @@ def live(
     report: LoggedReport,
 ) -> None:
     """Correct pairs as they arrive from folders, cameras, ROS 2 topics or a bag; the newest pair
-    comes first. Exit code 3 if pairs failed, none came, or ranges or colors are wrong.
+    comes first. Exit code 3 if pairs failed, none came, one side sent none at the end, or ranges or
+    colors are wrong.
     """
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions
@@ -161,7 +162,7 @@ def live(
 
     def announce(line: str) -> None:
         log.info(line)
-        write_error(f"{line}\n")
+        write_error(lines(line))
 
     with report.working():
         budget_s = None if budget_ms is None else budget_ms / 1000
@@ -194,7 +195,9 @@ def live(
         )
     output += [found.reduced] if found.reduced else []
     output += [f"last failure: {found.last_error}"] if found.last_error else []
-    output += [f"at the end it waited for {found.waiting}"] if found.waiting else []
+    if found.waiting:
+        alone = ", while images without a partner came" if found.has_unpaired else ""
+        output.append(f"at the end it waited for {found.waiting}{alone}")
     is_biased = 2 * found.biased > found.done
     if is_biased:
         output.append(
@@ -203,8 +206,10 @@ def live(
         )
     output += [f"note: {note}" for note in found.notes]
     is_wrong = is_biased or found.wrong
-    is_good = not found.failed and not is_wrong and (found.done or not found.waiting)
-    report.end(vars(found), lines(*output), EXIT_DONE if is_good else EXIT_SOME_FAILED)
+    is_missing = found.failed or found.has_unpaired or (found.waiting and not found.done)
+    report.end(
+        vars(found), lines(*output), EXIT_SOME_FAILED if is_missing or is_wrong else EXIT_DONE
+    )
 
 
 BagArgument = Annotated[

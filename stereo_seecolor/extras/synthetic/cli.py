@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+from calibration.errors import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.command import command
 from stereo_seecolor.cli.report import Report
@@ -48,8 +49,8 @@ def synthesize(
         spec = parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed)
         render(spec, out, listener)
     text = (
-        f"{pairs} pairs in {out}: left/, right/, cam.yaml, trajectory.tum, and the truth in "
-        "truth/\n"
+        f"{counted(pairs, 'pair')} in {out}: left/, right/, cam.yaml, trajectory.tum, and the "
+        "truth in truth/\n"
     )
     report.end({"out": out, "spec": spec}, text)
 

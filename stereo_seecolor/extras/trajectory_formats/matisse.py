@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.table import Lines, Table
+from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
 from stereo_seecolor.inputs.trajectories.times import TimeError, column_seconds
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.inputs.trajectories.vehicle_track import VehicleTrack, from_degrees, step_of
@@ -19,13 +19,11 @@ _DIM2 += ["depth", "altitude", "heading", "roll", "pitch"]
 
 
 def recognizes(lines: Lines) -> bool:
-    """A header with date, time and latitude, or 13 fields and more between semicolons; ORCA's
-    header names images.
+    """A header with date, time, place and attitude, or 13 fields and more between semicolons.
+    ORCA's header names images.
     """
     header = set(_header(lines))
-    return _is_dim2(lines) or (
-        {"date", "time", "latitude", "heading"} <= header and "image_name" not in header
-    )
+    return _is_dim2(lines) or (header.issuperset(_NEEDED) and "image_name" not in header)
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
@@ -49,7 +47,8 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def _is_dim2(lines: Lines) -> bool:
-    return lines.first.count(";") >= len(_DIM2) - 1
+    fields = lines.first.split(";")
+    return len(fields) >= len(_DIM2) and all(map(is_number, fields[6:8]))
 
 
 def _header(lines: Lines) -> list[str]:

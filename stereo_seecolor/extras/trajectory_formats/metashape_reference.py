@@ -3,6 +3,7 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
 from stereo_seecolor.inputs.trajectories.vehicle_track import VehicleTrack, from_degrees
@@ -28,6 +29,11 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     header = _header(lines)
     table = Table.read(lines, _separator(lines), header, lines.content)
     estimated = all(f"{name}_est" in header for name in _AXES)
+    if "yaw" not in header:
+        raise InputError(
+            f"{lines.path}: is a reference of Metashape without yaw, pitch, roll: export the "
+            "cameras (File > Export > Export Cameras, Agisoft XML), or the reference with rotation"
+        )
     columns = {name: np.array(table.column(f"{name}_est" if estimated else name)) for name in _AXES}
     attitude_deg = np.column_stack([columns[name] for name in ("roll", "pitch", "yaw")])
     north_east_m, origin = np.column_stack([columns["y"], columns["x"]]), None

@@ -6,7 +6,6 @@ import numpy as np
 
 from calibration.transforms import rotation_from_euler
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.earth import north_east_from_degrees
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
@@ -14,6 +13,7 @@ from stereo_seecolor.inputs.trajectories.axes import (
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
 from stereo_seecolor.inputs.trajectories.trajectory_format import TextFormat
+from stereo_seecolor.inputs.trajectories.vehicle_track import origin_of
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 
@@ -48,18 +48,7 @@ def _origin(
     latitude = np.array(table.column("latitude [deg]", np.nan))
     longitude = np.array(table.column("longitude [deg]", np.nan))
     vehicle_ned = camera_ned - R_ned_vehicle @ mount_offset_m(mount)
-    known = np.flatnonzero(
-        np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(vehicle_ned).all(axis=1)
-    )
-    if not known.size:
-        return None
-    first = known[0]
-    anchor = GeoOrigin(latitude[first], longitude[first])
-    meters = north_east_from_degrees([latitude[first] + 0.001], [longitude[first] + 0.001], anchor)[
-        0
-    ]
-    shift = vehicle_ned[first, :2] / meters * 0.001
-    return GeoOrigin(float(latitude[first] - shift[0]), float(longitude[first] - shift[1]))
+    return origin_of(latitude, longitude, vehicle_ned[:, :2])
 
 
 FORMAT = TextFormat("oplab", recognizes, read)

@@ -13,9 +13,10 @@ from stereo_seecolor.records import Trajectory
 
 
 def recognizes(lines: Lines) -> bool:
-    """A header with image_name and latitude."""
-    header = lines.first.lower().split(",")
-    return "image_name" in header and "latitude" in header
+    """A header with image_name, latitude, and the time and depth of ORCA."""
+    return {"image_name", "latitude", "timestamp_utc", "depth_m"} <= {
+        *lines.first.lower().split(",")
+    }
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:

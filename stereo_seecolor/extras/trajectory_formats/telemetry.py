@@ -66,7 +66,7 @@ def read_reports(lines: Lines, mount: MountConfig) -> Trajectory:
         try:
             report = load_json(line)
         except ValueError as error:
-            raise lines.error(number, "is not a report of a DVL (JSON)") from error
+            raise lines.error(number, "is not a report of a DVL (JSON, one a line)") from error
         rows.append(",".join(str(report.get(key, "")) for key in _REPORTED.values()))
     if len(rows) == 1:
         raise InputError(

@@ -197,8 +197,14 @@ def _known(lines: Lines) -> tuple[TextFormat, Lines]:
         return found
     if kind := foreign.named("\n".join(lines.all[:50])):
         raise InputError(f"{lines.path}: is {kind}")
-    if table := column_map.describe_table(lines):
-        raise InputError(f"{lines.path}: {table}")
+    for below in (lines, *converted.below(lines)):
+        if table := column_map.describe_table(below):
+            raise InputError(f"{lines.path}: {table}")
+    if lines.first[:1] in ("{", "["):
+        raise InputError(
+            f"{lines.path}: is JSON without a list of records that name time, position, depth and "
+            "heading, or of poses: save it as CSV with time, lat, lon, depth, heading"
+        )
     titles = ", ".join(format.title for format in (*FORMATS, *added_formats()))
     raise InputError(
         f"{lines.path}: is not a trajectory of a known format ({titles}; or any table with a "

@@ -12,10 +12,10 @@ from stereo_seecolor.records import Trajectory
 
 
 def is_colmap(lines: Lines) -> bool:
-    """The comment COLMAP writes, or ten fields of which the last is a name."""
+    """The comment COLMAP writes, or ten fields: a number first, and a name last."""
     fields = lines.first.split()
     return any("QW, QX, QY, QZ" in line for line in lines.all[:6]) or (
-        len(fields) == 10 and not is_number(fields[9])
+        len(fields) == 10 and is_number(fields[0]) and not is_number(fields[9])
     )
 
 

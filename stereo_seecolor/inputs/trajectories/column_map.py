@@ -14,11 +14,16 @@ import numpy as np
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.csv_tables import separator_of, split_fields
-from stereo_seecolor.inputs.trajectories.columns import roles_of, unit
+from stereo_seecolor.inputs.trajectories.columns import roles_of, unit, words
 from stereo_seecolor.inputs.trajectories.degrees import OF_MAVLINK, read_degrees
 from stereo_seecolor.inputs.trajectories.held_fixes import MAX_GAP_S, HeldFixes, between_fixes
 from stereo_seecolor.inputs.trajectories.table import Lines, Table, is_number
-from stereo_seecolor.inputs.trajectories.times import AmbiguousDateError, TimeError, column_seconds
+from stereo_seecolor.inputs.trajectories.times import (
+    AmbiguousDateError,
+    TimeError,
+    column_seconds,
+    is_unknown,
+)
 from stereo_seecolor.inputs.trajectories.vehicle_track import (
     METERS_PER_DEGREE,
     Column,
@@ -37,7 +42,7 @@ ROLES = {
     "lon": "degrees",
     "north": "meters, instead of lat",
     "east": "meters, instead of lon",
-    "depth": "meters below the surface; all negative: meters above it",
+    "depth": "meters below the surface; mostly negative: meters above it",
     "up": "meters above it, instead of depth",
     "heading": "degrees clockwise from north",
     "pitch": "degrees, bow up; default 0",
@@ -58,8 +63,13 @@ _NOT_VALID = {"false", "0", "0.0", "no", "v", "invalid"}
 _NO_VALUE = (-999.0, -9999.0, -99999.0)
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
-_CLOCK = re.compile(r"\d{1,2}:\d|\d{6}(\.\d*)?$")
-"""A time of day, as h:m:s or hhmmss."""
+_CLOCK = re.compile(r"\d{1,2}:\d")
+"""A time of day, as h:m:s."""
+SINCE_EPOCH = 1e8
+"""Seconds from here on are since 1970: since midnight they would be three years."""
+_WITH_CLOCK = re.compile(r"\d[ T]\d{1,2}:\d\d")
+"""In a date with a time of day."""
+_HEIGHTS = {"alt", "altitude", "height", "elevation"}
 LEAST_COLUMNS = 4
 """Of a table: time, and a position or attitude in three."""
 UNKNOWN_HEADING, _MESSAGE, _ATTITUDE = 65535, "global_position_int", "attitude."
@@ -110,13 +120,32 @@ def recognizes(lines: Lines) -> bool:
 def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
     """Read a table as ``read`` does, by the usual names of columns."""
     columns = guessed(lines)
-    if missing := _missing(columns):
-        names = ", ".join(_header(lines)[1])
-        raise InputError(
-            f"{lines.path}: is a table without {', '.join(missing)} (it has {names:.150}): name "
-            f"its columns as in {_EXAMPLE}{_positions_alone(lines, columns)}"
-        )
+    if _missing(columns):
+        raise InputError(f"{lines.path}: {_what_it_lacks(lines, columns)}")
     return read(lines, columns, mount, by_names=True)
+
+
+def _what_it_lacks(lines: Lines, columns: Mapping[str, str]) -> str:
+    return (
+        f"is a table without {', '.join(_missing(columns))} (it has "
+        f"{', '.join(_header(lines)[1]):.150}): name its columns as in "
+        f"{_EXAMPLE}{_height(lines, columns)}{_other_table(lines, columns)}"
+        f"{_positions_alone(lines, columns)}"
+    )
+
+
+def _height(lines: Lines, columns: Mapping[str, str]) -> str:
+    """What to do with a height that may be above the bottom; "" without one, or with a depth."""
+    names = split_fields(lines.header, separator_of(lines.header))
+    height = next((name for name in names if not _HEIGHTS.isdisjoint(words(name))), "")
+    if not height or {"depth", "up"} & columns.keys():
+        return ""
+    return f" (up={height} only if that is a height above the water's surface, not the bottom)"
+
+
+def _other_table(lines: Lines, columns: Mapping[str, str]) -> str:
+    """Another table of the same times as another thing to do; "" for a table without times."""
+    return f", or give the table with them, too: {lines.path.name},other.csv" * ("time" in columns)
 
 
 def _positions_alone(lines: Lines, columns: Mapping[str, str]) -> str:
@@ -135,6 +164,14 @@ def describe_table(lines: Lines) -> str:
     except csv.Error:  # a cell of more than 131,072 characters
         return ""
     numbers = [sum(map(is_number, row)) for row in rows if row != header]
+    if sum(map(is_number, header)) >= 2 and {len(row) for row in rows} == {len(header)}:
+        return (
+            f"is rows of {len(header)} columns without names ({lines.header:.60}): write their "
+            "names in a line above (name, time, lat, lon, depth, heading, ...); docs/mapping.md "
+            "lists the roles"
+        )
+    if numbers and _PLACE not in _missing(columns := guessed(lines)):
+        return _what_it_lacks(lines, columns)
     if len(header) < LEAST_COLUMNS or any(map(is_number, header)) or not numbers:
         return ""
     if any(len(row) != len(header) for row in rows) or 2 * min(numbers) < len(header):
@@ -149,13 +186,23 @@ def describe_table(lines: Lines) -> str:
 def guessed(lines: Lines) -> dict[str, str]:
     """Role -> the column of a usual name for it, without a date beside a time that holds one."""
     found = roles_of(split_fields(lines.header, separator_of(lines.header)))
-    if "date" in found and "time" in found:
-        rows = _table(lines, {}).rows if len(lines.content) > 1 else ()
-        if not any(_CLOCK.match(row[found["time"].lower()]) for _, row in rows):
+    if "date" in found and len(found) > 1 and len(lines.content) > 1:
+        table = _table(lines, {})
+        if "time" not in found:
+            if any(map(_WITH_CLOCK.search, table.text(found["date"].lower()))):
+                found["time"] = found.pop("date")
+        elif any(map(_is_dated, table.text(found["time"].lower()))):
             del found["date"]
     if "depth" in found:
         found.pop("up", None)
     return found
+
+
+def _is_dated(time: str) -> bool:
+    """Tell whether a time has its date: no h:m:s, and no number of a day's seconds."""
+    if is_number(time):
+        return abs(float(time)) >= SINCE_EPOCH
+    return not (is_unknown(time) or _CLOCK.match(time))
 
 
 def read(
@@ -264,10 +311,14 @@ def _values(table: Table, columns: Mapping[str, str]) -> dict[str, Column]:
             values[role][_not_valid(table, columns)] = np.nan
     if "lat" in values:
         _check_degrees(table, values)
+    if len(table.rows) and _not_valid(table, columns).all():
+        raise InputError(
+            f"{table.lines.path}: its column {_valid_column(table, columns)!r} says of all rows "
+            "that their position is not valid: leave the column out if it says something else"
+        )
     if "depth" in columns:
         depth_m = _numbers(table, columns, "depth")
-        reversed_ = (depth_m <= 0).any() and not (depth_m > 0).any()
-        values["depth"] = -depth_m if reversed_ else depth_m
+        values["depth"] = -depth_m if np.nansum(depth_m) < 0 else depth_m
     elif "up" in columns:
         values["depth"] = -_numbers(table, columns, "up")
     return _in_units_of_mavlink(table, columns, values)
@@ -287,15 +338,17 @@ def _between_fixes(
 def _in_units_of_mavlink(
     table: Table, columns: Mapping[str, str], values: dict[str, Column]
 ) -> dict[str, Column]:
-    """Beside places in 1e-7 of a degree, as the message GLOBAL_POSITION_INT holds them, whole
-    numbers are its millimeters and hundredths of a degree, and angles of the message ATTITUDE are
-    in radians.
+    """Angles of the message ATTITUDE, which come with speeds (``yawspeed``), are in radians. Beside
+    places in 1e-7 of a degree, as the message GLOBAL_POSITION_INT holds them, whole numbers are its
+    millimeters and hundredths of a degree.
     """
-    if not _is_of_mavlink(table, columns):
-        return values
-    for role in ("heading", "pitch", "roll"):
-        if role in values and columns[role].lower().startswith(_ATTITUDE):
+    of_mavlink = _is_of_mavlink(table, columns)
+    for role in {"heading", "pitch", "roll"} & values.keys():
+        column = columns[role].lower()
+        if f"{column}speed" in table.rows[0][1] or (of_mavlink and column.startswith(_ATTITUDE)):
             values[role] = np.degrees(values[role])
+    if not of_mavlink:
+        return values
     height = columns.get("depth") or columns.get("up") or ""
     for role, column, many, most in (
         ("depth", height, 1000.0, 1000.0),
@@ -364,21 +417,28 @@ def _missing(columns: Mapping[str, str]) -> list[str]:
 
 
 def _check_degrees(table: Table, values: Mapping[str, Column]) -> None:
-    """Take out the place 0, 0. Raises InputError for latitudes that cannot be."""
+    """Take out the place 0, 0. Raises InputError for degrees that cannot be."""
     latitude_deg, longitude_deg = values["lat"], values["lon"]
-    if (np.abs(latitude_deg) > 90).any():
-        most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
-        raise InputError(
-            f"{table.lines.path}: {most}: are latitude and longitude exchanged, or meters or "
-            "minutes in that column?"
-        )
+    for what, degrees, limit in (
+        ("latitudes", latitude_deg, 90),
+        ("longitudes", longitude_deg, 360),
+    ):
+        if (np.abs(degrees) > limit).any():
+            raise InputError(
+                f"{table.lines.path}: {what} reach {np.nanmax(np.abs(degrees)):.6g} degrees: are "
+                "latitude and longitude exchanged, or meters or minutes in that column?"
+            )
     latitude_deg[(latitude_deg == 0) & (longitude_deg == 0)] = np.nan
 
 
 def _not_valid(table: Table, columns: Mapping[str, str]) -> Mask:
     """Rows that say that their position is unknown, also in an unmapped column."""
-    column = columns.get("valid") or guessed(table.lines).get("valid", "")
+    column = _valid_column(table, columns)
     return np.array([text.lower() in _NOT_VALID for text in table.text(column.lower())], dtype=bool)
+
+
+def _valid_column(table: Table, columns: Mapping[str, str]) -> str:
+    return columns.get("valid") or guessed(table.lines).get("valid", "")
 
 
 def _table(lines: Lines, columns: Mapping[str, str]) -> Table:

@@ -12,7 +12,7 @@ import numpy as np
 from calibration.bounded_text import load_json
 from calibration.formats.reading.section import flat
 from stereo_seecolor.inputs.trajectories.columns import named
-from stereo_seecolor.inputs.trajectories.table import Lines
+from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 
 MATRICES = (12, 16)
 FIRST = ("name", "time")
@@ -25,12 +25,15 @@ MOST_LINES_ABOVE = 40
 
 
 def below(lines: Lines) -> Iterator[Lines]:
-    """The lines without the first, the first two, and so on, up to MOST_LINES_ABOVE."""
+    """The lines without the first, the first two, and so on, up to MOST_LINES_ABOVE; those that
+    begin with a line of names, none of which is a number.
+    """
     content = lines.content
     for above, line in enumerate(lines.all[:MOST_LINES_ABOVE], start=1):
         content = content[1:] if content and content[0][1] == line else content
-        if content:
-            yield replace(lines, all=lines.all[above:], content=content)
+        below = replace(lines, all=lines.all[above:], content=content)
+        if content and not any(map(is_number, re.split(r"[,;\t|]\s*|\s", below.header))):
+            yield below
 
 
 def of_json(lines: Lines) -> Lines | None:
@@ -42,7 +45,10 @@ def of_json(lines: Lines) -> Lines | None:
             content = [load_json(line) for line in lines.all]
         except ValueError:
             return None
-    records = [_flat(record) for record in _records(content)]
+    records = _records(content)
+    if len(records) < 2:  # deeper, below what is of the file or of a device
+        records = max(_lists_of_records(content), key=len, default=records)
+    records = [_flat(record) for record in records]
     if len(matrices := [row for record in records if (row := _matrix_row(record))]) > 1:
         return Lines(lines.path, tuple(matrices), tuple(enumerate(matrices, start=1)))
     names = list(dict.fromkeys(name for record in records for name in record))
@@ -80,6 +86,15 @@ def _records(content: Any) -> list[Mapping[str, Any]]:
             if isinstance(value, Mapping | list)
         ]
     return [one for one in content if isinstance(one, Mapping)] if isinstance(content, list) else []
+
+
+def _lists_of_records(content: Any) -> Iterator[list[Mapping[str, Any]]]:
+    inside = content.values() if isinstance(content, Mapping) else content
+    if isinstance(content, list) and all(isinstance(one, Mapping) for one in content):
+        yield content
+    elif isinstance(content, Mapping | list):
+        for one in inside:
+            yield from _lists_of_records(one)
 
 
 def _place(geometry: Any) -> dict[str, Any]:

@@ -24,6 +24,10 @@ _TEXT = (
         r"\A# Bundle file",
         "a model of Bundler, without names or times of images: export it as images.txt of COLMAP",
     ),
+    (
+        r"\Aversion https://git-lfs",
+        "a pointer of Git LFS in place of the file: fetch it with git lfs pull",
+    ),
     (r"\ANVM_V3", "a model of VisualSFM: export it as images.txt of COLMAP"),
     (
         r'"img_name"\s*:',
@@ -47,6 +51,49 @@ _TEXT = (
         r"\$PSIMSSB,",
         "a log of a Kongsberg HiPAP (PSIMSSB), in meters from the ship and without a date: save "
         "it as CSV with time, lat, lon, depth, made with the position and heading of the ship",
+    ),
+    (
+        r"\bUSBL(LONG|ANGLES),",
+        "a log of an Evologics USBL, in meters from the ship: save it as CSV with time, lat, lon, "
+        "depth, made with the position and heading of the ship",
+    ),
+    (
+        r"\AFMT, *\d+, *\d+, *FMT",
+        "a log of ArduPilot as text: convert the .BIN with mavlogdump.py --format csv",
+    ),
+    (
+        r"\A\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+: \w+ \{",
+        "the text that mavlogdump.py prints: give it --format csv, and one message a file "
+        "(--types GLOBAL_POSITION_INT, then ATTITUDE)",
+    ),
+    (r"\A(FTP NEW|HSX)", "raw data of Hypack: export the track as CSV, with time, lat, lon, depth"),
+    (
+        r"(?m)^(:SA,|\$PNOR|wr[zptu],)",
+        "a log of a DVL, of velocities: give the vehicle's track, as CSV with time, lat and lon "
+        "(or north and east), depth, heading",
+    ),
+    (
+        r"<uddf|<divelog|\A\* Sea-Bird|\A#B\s+Created:",
+        "a log of depths without positions: save it as CSV with time and depth, and give it beside "
+        "positions and headings, position.csv,attitude.csv,depth.csv",
+    ),
+    (
+        r"(?m)^header: *\n *(seq|stamp):",
+        "the text of rostopic echo: give the bag itself, or what rostopic echo -p writes",
+    ),
+    (
+        r"\A\d{9,10},\d{1,9},[a-zA-Z]",
+        "the rows of ros2 topic echo --csv, without names of columns: give the bag itself",
+    ),
+    (
+        r"\A(EPSG:\d+|WGS84 UTM|\+proj)",
+        "positions of images for OpenDroneMap (geo.txt): give its reconstruction.json, or CSV with "
+        "name, lat, lon, depth, heading",
+    ),
+    (
+        r"(?i)omega[\s,;]+phi[\s,;]+kappa",
+        "positions of cameras with omega, phi, kappa: export the cameras of Metashape as XML, or "
+        "the model as COLMAP's images.txt",
     ),
     (r"<kml", "a KML file without times: give GPX, or CSV with time, lat and lon"),
     (

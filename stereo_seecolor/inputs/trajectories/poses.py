@@ -28,6 +28,9 @@ def is_tum(lines: Lines) -> bool:
 def read_tum(lines: Lines, mount: MountConfig) -> Trajectory:
     """The size of a time shows whether it is in ms, us or ns."""
     firsts, rows = _rows(lines, 7, "a TUM pose has 8 numbers (timestamp tx ty tz qx qy qz qw)")
+    lengths = np.linalg.norm(rows[:, 3:], axis=1)
+    if known := [length for length in lengths if length > 0]:  # zeros: a pose that was lost
+        _check_rotation(lines, abs(np.median(known) - 1))
     return _named(trajectory_of(np.full(len(rows), np.nan), rows), lines, firsts)
 
 
@@ -61,6 +64,16 @@ def _named(poses: Trajectory, lines: Lines, firsts: list[str]) -> Trajectory:
     return replace(poses, timestamps_s=np.array(times))
 
 
+def _check_rotation(lines: Lines, off_by: float) -> None:
+    """Raises InputError for numbers that are no rotation, as those of another table."""
+    if off_by > NO_ROTATION:
+        raise lines.error(
+            lines.content[0][0],
+            "has as many numbers as a pose, but they hold no rotation: if they are other columns, "
+            "write their names in a line above",
+        )
+
+
 def trajectory_of(times_s: Array, values: Array) -> Trajectory:
     """Make a trajectory of (N, 7) x y z qx qy qz qw.
 
@@ -80,6 +93,10 @@ def _fields(line: str) -> list[str]:
 
 _LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 _WIDTHS = (12, 13, 16, 17)
+NO_ROTATION = 0.1
+"""Off the length of a quaternion or the product of a rotation with its transpose: rounded to two
+digits a rotation is nearer.
+"""
 
 
 def is_kitti(lines: Lines) -> bool:
@@ -91,7 +108,7 @@ def _form(lines: Lines) -> int | None:
     """How many numbers a pose has; 4 for a block of four lines."""
     fields = _fields(lines.first)
     numbers = fields if len(fields) % 4 == 0 else fields[1:]
-    if len(fields) == 12:
+    if len(fields) == 12 and 2 * sum(map(is_number, fields)) > len(fields):
         return 12  # a line that names what is wrong in it is better than none
     if len(fields) not in (4, *_WIDTHS) or not all(map(is_number, numbers)):
         return None
@@ -113,6 +130,9 @@ def read_kitti(lines: Lines, mount: MountConfig) -> Trajectory:
     form = f"a pose of {count} numbers" if count > 12 else "a KITTI pose has 12 numbers"
     firsts, values = _rows(lines, count, form)
     matrices = values.reshape(-1, 4, 4)[:, :3] if count in (4, 16) else values.reshape(-1, 3, 4)
+    squares = matrices[..., :3] @ matrices[..., :3].swapaxes(1, 2)
+    if known := [abs(R - np.eye(3)).max() for R in squares if np.isfinite(R).all() and R.any()]:
+        _check_rotation(lines, np.median(known))
     T = rigid_transform(matrices[..., :3], matrices[..., 3])
     poses = Trajectory(("",) * len(T), np.full(len(T), np.nan), T, up="unknown")
     if any(firsts) and firsts != [str(i) for i in range(len(firsts))]:

@@ -45,6 +45,9 @@ PLACE = r"\b{}\s*=\s*[\"']([^\"']+)[\"']"
 _TIME = re.compile(r"<(?:\w+:)?time>([^<]+)</")
 _KML = re.compile(r"<when>([^<]+)</when>|<gx:coord>\s*([^\s<]+)\s+([^\s<]+)[^<]*</gx:coord>")
 
+_KML_WHEN = re.compile(r"<when>([^<]+)</when>")
+_KML_PLACE = re.compile(r"<coordinates>\s*([^,<\s]+),([^,<\s]+)")
+
 
 def recognizes(lines: Lines) -> bool:
     """NMEA among the first lines, beacons with a date, or points of GPX or a timed KML track."""
@@ -117,7 +120,8 @@ def table(lines: Lines, columns: Mapping[str, str]) -> tuple[Lines, dict[str, st
     if not known:
         raise InputError(
             f"{lines.path}: holds no position with a date and time (NMEA: RMC, or GGA, GNS or GLL "
-            "with ZDA; PSONLLD with ZDA or RMC)"
+            "with ZDA; PSONLLD with ZDA or RMC; GPX: <time> in points; KML: <when> in tracks or "
+            "points)"
         )
     header = ",".join(["time", "lat", "lon", *names])
     made = replace(lines, all=(header,), content=((1, header), *enumerate(known, start=2)))
@@ -136,7 +140,16 @@ def _kml_rows(text: str) -> list[str]:
     found = list(_KML.finditer(text))
     times = [match[1].strip() for match in found if match[1]]
     places = [match for match in found if match[2]]
+    if not places:
+        return [_kml_point_row(placemark) for placemark in text.split("<Placemark")[1:]]
     return [f"{time},{place[3]},{place[2]}" for time, place in zip(times, places, strict=False)]
+
+
+def _kml_point_row(placemark: str) -> str:
+    """Of a point with its time; "" for another placemark."""
+    time = _KML_WHEN.search(placemark)
+    place = _KML_PLACE.search(placemark.partition("<Point")[2])
+    return f"{time[1].strip()},{place[2]},{place[1]}" if time and place else ""
 
 
 def _nmea_rows(lines: Lines, names: Sequence[str]) -> list[str]:

@@ -10,7 +10,7 @@ _EPOCH_UNITS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 """Numbers from here on are in ns, us, ms: as seconds they would be past the year 5000."""
 _MOMENT = re.compile(
     r"(\d{1,4})([/.: -])(\d{1,2})[/.: -](\d{1,4})[ ,T]+"
-    r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*+([AP])?\.?(?:M\.?)?\s*+(?:Z|UTC|GMT)?",
+    r"(\d{1,2}):(\d{1,2})(?::(\d{1,2}(?:[.,]\d+)?))?\s*+([AP])?\.?(?:M\.?)?\s*+(?:Z|UTC|GMT)?",
     re.IGNORECASE,
 )
 _COMPACT = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)[ _T-]?(\d\d)(\d\d)(\d\d(?:\.\d*)?)Z?")
@@ -26,7 +26,7 @@ _MONTHS = {
     "oct": 10, "nov": 11, "dec": 12, "mrz": 3, "mai": 5, "okt": 10, "dez": 12,
 }  # fmt: skip
 _NAMED_MONTH = re.compile(
-    r"^(\d{1,2})[- /.]+([A-Za-z]{3})[a-z.]*[-, /]+(\d{4})"
+    r"^(\d{1,2})[- /.]+([A-Za-z]{3})[a-z.]*[-, /]+(\d{4}|\d\d)\b"
     r"|^([A-Za-z]{3})[a-z.]* +(\d{1,2}),? +(\d{4})"
 )
 """``28-May-2026``, ``May 28, 2026``."""
@@ -122,7 +122,7 @@ def _plain(text: str) -> str:
     text = _WEEKDAY.sub("", text.strip())
     if match := _COMPACT.fullmatch(text) or _PARTS.fullmatch(text):
         year, month, day, hour, minute, second = match.groups()
-        return f"{year}-{month}-{day} {hour}:{minute.zfill(2)}:{second.zfill(2)}"
+        return f"{year}-{month}-{day} {hour}:{minute}:{second}"
     if match := _CLOCK_PARTS.fullmatch(text):
         return f"{match[1]}.{match[2].zfill(9)}"
     if match := _DAY_OF_YEAR.fullmatch(text):
@@ -134,7 +134,7 @@ def _plain(text: str) -> str:
 def _with_number_of_month(match: re.Match[str]) -> str:
     day, month, year = match[1] or match[5], match[2] or match[4], match[3] or match[6]
     number = _MONTHS.get(month.lower())
-    return f"{year}-{number}-{day}" if number else match[0]
+    return f"{'20' * (len(year) == 2)}{year}-{number}-{day}" if number else match[0]
 
 
 def _parsed(row: int, text: str) -> float | re.Match[str]:

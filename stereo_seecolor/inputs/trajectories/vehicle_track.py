@@ -77,3 +77,19 @@ def from_degrees(latitude_deg: Column, longitude_deg: Column) -> tuple[Array, Ge
     first = int(known[0]) if known.size else 0
     origin = GeoOrigin(float(latitude_deg[first]), float(longitude_deg[first]))
     return north_east_from_degrees(latitude_deg, longitude_deg, origin), origin
+
+
+def origin_of(latitude_deg: Column, longitude_deg: Column, north_east_m: Array) -> GeoOrigin | None:
+    """Where the origin of north and east (N, 2) lies, by the first row that is known in both; None
+    without one.
+    """
+    known = np.isfinite(latitude_deg) & np.isfinite(longitude_deg)
+    known &= np.isfinite(north_east_m).all(axis=1)
+    if not known.any():
+        return None
+    first = int(np.argmax(known))
+    latitude, longitude = float(latitude_deg[first]), float(longitude_deg[first])
+    place = GeoOrigin(latitude, longitude)
+    meters = north_east_from_degrees([latitude + 0.001], [longitude + 0.001], place)[0]
+    shift = north_east_m[first] / meters * 0.001
+    return GeoOrigin(float(latitude - shift[0]), float(longitude - shift[1]))

@@ -17,6 +17,7 @@ _CHANGES: dict[str, Callable[[Array], Array]] = {
     "pitch of the other sign (bow down)": lambda a: a * [1, -1, 1],
     "roll and pitch of the other sign": lambda a: a * [1, -1, -1],
     "heading, pitch and roll in radians": lambda a: np.degrees(a),
+    "headings in radians": lambda a: a * [np.degrees(1), 1, 1],
     "pitch and roll in radians": lambda a: a * [1, np.degrees(1), np.degrees(1)],
 }
 """What would be done to columns of heading, pitch and roll, degrees."""

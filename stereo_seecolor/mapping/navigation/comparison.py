@@ -15,7 +15,7 @@ from stereo_seecolor.mapping.navigation.corrections import (
     corrected,
 )
 from stereo_seecolor.mapping.navigation.depths import constant_depths, wrong_depths
-from stereo_seecolor.mapping.navigation.deviations import deviations
+from stereo_seecolor.mapping.navigation.deviations import deviations, jumps, without_jumps
 from stereo_seecolor.mapping.navigation.fix_frames import fix_frames
 from stereo_seecolor.mapping.navigation.interpretations import (
     CLOCK_EDGES,
@@ -54,6 +54,8 @@ ROUNDING = 1.0
 """Of the step that positions are rounded to: two rounded positions differ by up to 1.4 of it from
 what they were, by half of it in the median, and no other reading is asked for.
 """
+MOST_JUMPS = 10
+"""Positions that jump more often are no longer those of this dive."""
 DEPTH_EDGES = 500
 """Pairs of frames whose depths are compared."""
 
@@ -165,12 +167,15 @@ def examine(
     step_m = trajectory.position_step_m
     if wrong := clock or still(T, seen, step_m):
         return _unfit(verdict, wrong)
-    correction = corrected(T, seen, plain, config)
+    correction = corrected(T, seen, plain, survey.index, config)
     is_rounded = navigation.position_residual_m < ROUNDING * step_m
     readings = []
     if plain > READ_RIGHTLY and not is_rounded:
         others = interpretations(T, seen, survey.index, trajectory)
         readings = best_readings(seen, others)
+        # one jump that leaves less is no misreading
+        with_one_jump = seen.misfit(without_jumps(T, seen.edges, survey.index, most=2))
+        readings = [one for one in readings if one.misfit < with_one_jump]
     # a part is wrong where neither a correction nor a reading of the whole explains it
     parts = wrong_parts(correction.T, seen, survey.index)
     is_read_otherwise = bool(readings) and readings[0].misfit < BETTER * plain
@@ -179,8 +184,10 @@ def examine(
     straight = correction.T
     if wrong := _misread(T, seen, readings, correction, plain):
         return _unfit(verdict, f"{CONTRADICTED}{wrong}")
-    if contradiction := seen.contradiction(straight, step_m, WRONG_BETWEEN if are_few else WRONG):
-        return _unfit(verdict, f"{CONTRADICTED}: {contradiction}: do they belong to this dive?")
+    if wrong := _contradiction(
+        straight, seen, survey.index, step_m, WRONG_BETWEEN if are_few else WRONG
+    ):
+        return _unfit(verdict, f"{CONTRADICTED}: {wrong}")
     advice_lines = list(correction.advice)
     if advice_lines and readings and _are_alike(readings[0], correction, plain, seen):
         advice_lines[-1] += f"; or, as likely, {named(readings)}"
@@ -247,8 +254,24 @@ def _misread(
             f", under every interpretation (by {off_deg:.0f} degrees between neighbors): do they "
             "belong to this dive?"
         )
-    depths = wrong_depths(T, seen) or wrong_depths(correction.T, seen)
+    depths = wrong_depths(T, seen, left) or wrong_depths(correction.T, seen, left)
     return f": {depths}" if depths else ""
+
+
+def _contradiction(
+    T: Array, seen: SeenMotion, index: FrameIndex, step_m: float, wrong: float
+) -> str:
+    """What to say of poses that fit from frame to frame, and not over the dive, with jumps where
+    these are all that does not fit; "" of others.
+    """
+    contradiction = seen.contradiction(T, step_m, wrong)
+    if not contradiction:
+        return ""
+    steady = without_jumps(T, seen.edges, index, most=MOST_JUMPS)
+    if seen.contradiction(steady, step_m, wrong):
+        return f"{contradiction}: do they belong to this dive?"
+    (jump,) = jumps(T, Motions.of(T, seen.edges), index)
+    return f"{jump}; before and after they fit, and nothing shows which are right"
 
 
 def _are_alike(

@@ -8,6 +8,8 @@ import numpy as np
 
 from calibration.transforms import rigid_transform
 from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.navigation.deviations import without_jumps
 from stereo_seecolor.mapping.navigation.motions import Motions
 from stereo_seecolor.mapping.navigation.mount import (
     North,
@@ -24,6 +26,10 @@ TURN_HELPS = 0.9
 """A constant turn must leave at most this fraction of the misfit."""
 ALIKE_MISFIT = 1.15
 """Two explanations are alike where one leaves at most so much more."""
+ARM_LEAVES = 0.75
+"""Of the cost an arm must leave less: of that of a drift, which is none, it leaves 0.87 and more on
+synthetic tracks, and arms of half a meter leave 0.65 and less.
+"""
 MAX_TURN_RAD = np.radians(20.0)
 """No compass or gyroscope is off by this much between neighbors."""
 
@@ -39,9 +45,12 @@ class CorrectedPoses:
     advice: tuple[str, ...] = ()
 
 
-def corrected(T: Array, seen: SeenMotion, plain: float, config: MappingConfig) -> CorrectedPoses:
+def corrected(
+    T: Array, seen: SeenMotion, plain: float, index: FrameIndex, config: MappingConfig
+) -> CorrectedPoses:
     """The camera turned on its vehicle, headings turned against positions, a lever arm: the fewest
-    that explain the most. Turns of both kinds are named where both fit.
+    that explain the most. Turns of both kinds are named where both fit, and no arm is where one
+    jump of the positions explains as much.
     """
     edges = [*seen.edges, *seen.spans]
     turn, north = constant_turn(Motions.of(T, edges)), north_of(T, seen.spans or seen.edges)
@@ -62,19 +71,23 @@ def corrected(T: Array, seen: SeenMotion, plain: float, config: MappingConfig) -
         rivals = [one.advice[0] for _, one in both if one is not found and one.misfit < most]
         found = replace(found, advice=("; or, as likely, ".join([*found.advice, *rivals]),))
     chains = [
-        _with_lever_arm(one, seen) for one in (CorrectedPoses(T, plain), found) if one is not None
+        _with_lever_arm(one, seen, index)
+        for one in (CorrectedPoses(T, plain), found)
+        if one is not None
     ]
     return min(chains, key=lambda one: one.misfit * ALIKE_MISFIT ** len(one.advice))
 
 
-def _with_lever_arm(before: CorrectedPoses, seen: SeenMotion) -> CorrectedPoses:
+def _with_lever_arm(before: CorrectedPoses, seen: SeenMotion, index: FrameIndex) -> CorrectedPoses:
     """The poses of the camera where they are of another point of the vehicle."""
     arm = lever_arm(Motions.of(before.T, seen.spans or seen.edges))
     if arm is None:
         return before
     T = before.T @ rigid_transform(np.eye(3), -arm[0])
     after = CorrectedPoses(T, seen.misfit(T), (*before.advice, _lever_advice(*arm)))
-    return after if after.misfit < before.misfit else before
+    with_one_jump = seen.cost(without_jumps(before.T, seen.edges, index, most=1))
+    most = min(ARM_LEAVES * seen.cost(before.T), with_one_jump)
+    return after if after.misfit < before.misfit and seen.cost(after.T) < most else before
 
 
 def _lever_advice(arm_m: Array, std_m: Array) -> str:

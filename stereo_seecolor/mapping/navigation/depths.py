@@ -18,15 +18,19 @@ STAYS = 0.1
 _FACTORS = {
     "heights or altitudes in place of depths": -1.0,
     "depths in feet": 1 / 0.3048,
-    "depths in centimeters": 100.0,
+    "depths in centimeters, or pressures in millibars": 100.0,
     "depths in millimeters": 1000.0,
+    "pressures in kilopascals": 10.0,
+    "pressures in bars": 0.1,
     "heights or altitudes in place of depths, in feet": -1 / 0.3048,
     "heights or altitudes in place of depths, in centimeters": -100.0,
 }
 
 
-def wrong_depths(T_world_camera: Array, seen: SeenMotion) -> str:
-    """What to say of heights that fit times a factor; "" for others."""
+def wrong_depths(T_world_camera: Array, seen: SeenMotion, misfit: float) -> str:
+    """What to say of heights that fit times a factor, and then better than what leaves ``misfit``;
+    "" for others.
+    """
     given_m, measured_m = _rises(T_world_camera, seen)
     if len(given_m) < LEAST_PAIRS or deviation_about_zero(measured_m) < LEAST_M:
         return ""
@@ -35,6 +39,10 @@ def wrong_depths(T_world_camera: Array, seen: SeenMotion) -> str:
     changes_m = abs(factor) * deviation_about_zero(measured_m)
     alike = [of for of, times in _FACTORS.items() if abs(factor / times - 1) < SAME]
     if left_m > EXPLAINS * min(off_m, changes_m) or not alike:
+        return ""
+    repaired = T_world_camera.copy()
+    repaired[:, 2, 3] /= factor
+    if seen.misfit(repaired) >= misfit:
         return ""
     return (
         f"the given depths change {factor:+.2f} times as much as in the images, which leaves "

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.errors import counted
 from calibration.robust_statistics import weighted_median_and_error
@@ -42,7 +44,7 @@ def deviations(T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex) 
     motions = Motions.of(T_world_camera, edges)
     if len(motions.edges) < SETTINGS.min_edges:
         return []
-    return [*_scale(motions), *_jumps(T_world_camera, motions, index)]
+    return [*_scale(motions), *jumps(T_world_camera, motions, index)]
 
 
 def _scale(motions: Motions) -> list[str]:
@@ -67,15 +69,51 @@ def _scale(motions: Motions) -> list[str]:
     ]
 
 
-def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
-    """Between neighboring frames: how far given positions are off, by all edges over it."""
+def without_jumps(
+    T_world_camera: Array, edges: Sequence[Edge], index: FrameIndex, most: int
+) -> Array:
+    """Poses (N, 4, 4) with their largest jumps, so many at most, taken out of all that follows. A
+    frame whose position was interpolated over a jump makes two of it.
+    """
+    result = T_world_camera.copy()
+    for _ in range(most):
+        motions = Motions.of(result, edges)
+        if len(motions.edges) < SETTINGS.min_edges:
+            break
+        shifts = _shifts(result, motions, index)
+        if not shifts.places:
+            break
+        worst = shifts.places[0]
+        result[index.order[worst + 1 :], :3, 3] -= shifts.between_m[worst + 1]
+    return result
+
+
+class _Shifts(NamedTuple):
+    """How far given positions are off between neighboring frames.
+
+    between_m: (N + 1, 3) at 1 + the rank of the frame before, 0 at both ends. places: ranks of the
+    frames before jumps, the largest first. limit_m: less is no jump. first, last, off_m: of E
+    edges, the ranks of their frames and (E, 3) how far they are off.
+    """
+
+    between_m: Array
+    places: list[int]
+    limit_m: float
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    off_m: Array
+
+
+def _shifts(T: Array, motions: Motions, index: FrameIndex) -> _Shifts:
+    """Between neighboring frames, by all edges over them."""
     rank = index.rank[[[e.i, e.j] for e in motions.edges]]
     given_m, measured_m = motions.shifts_in_world(T)
     off_m = given_m - measured_m
     off_m *= np.sign(rank[:, 1] - rank[:, 0])[:, None]
     first, last = rank.min(axis=1), rank.max(axis=1)
+    between_m = np.zeros((len(index.order) + 1, 3))
     if (last - first > SETTINGS.most_frames).all():
-        return []
+        return _Shifts(between_m, [], np.inf, first, last, off_m)
     steps = [
         np.flatnonzero((last - first > step) & (last - first <= SETTINGS.most_frames))
         for step in range(SETTINGS.most_frames)
@@ -84,35 +122,39 @@ def _jumps(T: Array, motions: Motions, index: FrameIndex) -> list[str]:
     place = np.concatenate([first[over] + step for step, over in enumerate(steps)])
     by_place = np.argsort(place, kind="stable")
     places, starts = np.unique(place[by_place], return_index=True)
-    # at 1 + the rank of the frame before, between neighbors that are never off
-    jump_m = np.zeros(len(index.order) + 1)
-    jump_m[1 + places] = [
-        np.linalg.norm(np.median(off_m[own], axis=0))
-        for own in np.split(edge[by_place], starts[1:])
+    between_m[1 + places] = [
+        np.median(off_m[own], axis=0) for own in np.split(edge[by_place], starts[1:])
     ]
+    jump_m = np.linalg.norm(between_m, axis=1)
     limit_m = max(
         SETTINGS.least_jump_m, SETTINGS.times_median * float(np.median(jump_m[1 + places]))
     )
     peak = (jump_m[1:-1] > limit_m) & (jump_m[1:-1] >= jump_m[:-2]) & (jump_m[1:-1] > jump_m[2:])
-    if not peak.any():
+    found = sorted(np.flatnonzero(peak).tolist(), key=lambda one: -jump_m[one + 1])
+    return _Shifts(between_m, found, limit_m, first, last, off_m)
+
+
+def jumps(T_world_camera: Array, motions: Motions, index: FrameIndex) -> list[str]:
+    """A line for the jumps of given positions, T (N, 4, 4), between neighboring frames."""
+    shifts = _shifts(T_world_camera, motions, index)
+    if not shifts.places:
         return []
-    worst = int(np.argmax(np.where(peak, jump_m[1:-1], 0)))
+    worst = shifts.places[0]
     for frame in (worst, worst + 1):
-        if (alone_m := _alone_m(off_m[last == frame], -off_m[first == frame])) > limit_m:
-            peak[max(frame - 1, 0) : frame + 1] = False
+        alone_m = _alone_m(shifts.off_m[shifts.last == frame], -shifts.off_m[shifts.first == frame])
+        if alone_m > shifts.limit_m:
+            others = len(set(shifts.places) - {frame - 1, frame})
             line = (
                 f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m off "
                 "relative to the images"
             )
-            return [
-                line
-                + (f", and more jump at {counted(int(peak.sum()), 'place')}" if peak.any() else "")
-            ]
+            return [line + (f", and more jump at {counted(others, 'place')}" if others else "")]
     a, b = (index.names[index.order[place]] for place in (worst, worst + 1))
-    more = f", and at {peak.sum() - 1} more places" if peak.sum() > 1 else ""
+    others = len(shifts.places) - 1
+    more = f", and more at {counted(others, 'place')}" if others else ""
     return [
-        f"the given positions jump by {jump_m[worst + 1]:.2f} m relative to the images between "
-        f"{a} and {b}{more}"
+        f"the given positions jump by {np.linalg.norm(shifts.between_m[worst + 1]):.2f} m "
+        f"relative to the images between {a} and {b}{more}"
     ]
 
 

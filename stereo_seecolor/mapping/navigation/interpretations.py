@@ -92,9 +92,13 @@ def interpretations(
             for name, other in (
                 ("world-to-camera poses", inverse(start)),
                 (INVERTED, _turned_back(start)),
+                *_right_handed(start),
             ):
                 yield " and ".join(text for text in (turned, name) if text), other
-    yield from of_other_angles(T, trajectory.T_vehicle_camera)
+    for name, other in of_other_angles(T, trajectory.T_vehicle_camera):
+        yield name, other
+        if where := _IN_OTHER_AXES.get(name):
+            yield f"{where} and {name}", _with_positions(other, _POSITIONS[where])
     yield from _on_other_frames(T, index, 0 if has_clock else SETTINGS.frames)
     yield from (
         reading
@@ -132,6 +136,16 @@ def _turned_back(T: Array) -> Array:
     return result
 
 
+def _right_handed(T: Array) -> Iterator[tuple[str, Array]]:
+    """Poses of left-handed axes, as game engines write them; whichever axis of the world is the
+    mirrored one, relative poses show the camera's alone.
+    """
+    for axis, name in enumerate(("x (right)", "y (down)", "z (forward)")):
+        mirror = np.eye(4)
+        mirror[axis, axis] = -1
+        yield f"axes that are left-handed, with the camera's {name} mirrored", mirror @ T @ mirror
+
+
 INVERTED = "the rotations inverted, as from world to camera"
 
 
@@ -149,15 +163,17 @@ _POSITIONS: dict[str, Callable[[Array], Array]] = {
     "y mirrored": lambda p: p * [1, -1, 1],
     "z pointing down": lambda p: p * [1, 1, -1],
     "positions north-east-down": lambda p: p[:, [1, 0, 2]] * [1, 1, -1],
-    "depths in feet": lambda p: p * [1, 1, 0.3048],
-    "depths in centimeters": lambda p: p * [1, 1, 0.01],
-    "depths in millimeters": lambda p: p * [1, 1, 0.001],
 }
 _ON_EARTH = {
     "x and y swapped": " (latitude and longitude exchanged)",
     "x mirrored": " (longitudes of the other sign)",
     "y mirrored": " (latitudes of the other sign)",
 }
+_IN_OTHER_AXES = {
+    "headings counted counterclockwise from north": "x mirrored",
+    "headings counted counterclockwise from east": "x and y swapped",
+}
+"""Positions beside such headings, of one system of axes."""
 _OF_A_TABLE = {"z pointing down": " (heights or altitudes in place of depths)"}
 
 

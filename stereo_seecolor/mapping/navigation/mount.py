@@ -72,7 +72,7 @@ def constant_turn(motions: Motions) -> Turn:
     problem; what the motion leaves open stays as it is.
     """
     shifts = motions.given[:, :3, 3], motions.measured[:, :3, 3]
-    turns = rotation_vector(motions.given[:, :3, :3]), rotation_vector(motions.measured[:, :3, :3])
+    turns = _turns(motions.given), _turns(motions.measured)
     R, prior = np.eye(3), np.eye(3) / SETTINGS.prior_rad**2
     for _ in range(SETTINGS.rounds):
         correlation, information = prior.copy(), prior.copy()
@@ -154,6 +154,14 @@ def lever_arm(motions: Motions) -> tuple[Array, Array] | None:
     sure = np.sqrt(arm_m @ np.linalg.inv(covariance) @ arm_m) > SETTINGS.sigmas
     believed = explains and sure and np.linalg.norm(arm_m) > SETTINGS.least_m
     return (arm_m, np.sqrt(np.diag(covariance))) if believed else None
+
+
+def _turns(motion: Array) -> Array:
+    """(n, 3) axes of rotations, times the sines of their angles: half a turn, whose axis has no
+    sign, counts nothing.
+    """
+    off = motion[:, :3, :3] - np.swapaxes(motion[:, :3, :3], 1, 2)
+    return np.stack([off[:, 2, 1], off[:, 0, 2], off[:, 1, 0]], axis=1) / 2
 
 
 def _weights(off: Array, floor: float) -> Array:

@@ -112,6 +112,11 @@ class Marks:
             known,
         )
 
+    @property
+    def known(self) -> list[str]:
+        """The names of what is known of bars and places."""
+        return [_name(*ends) for ends in self.bars] + [PLACES] * bool(self.places.points)
+
     def checks(self, T_world_camera: Array) -> dict[str, ScaleCheck]:
         """Compare what is known with the map, by name."""
         markers = self.placed(T_world_camera)

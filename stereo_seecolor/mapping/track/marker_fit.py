@@ -20,11 +20,12 @@ from stereo_seecolor.records import Array, GeoOrigin
 class MarkersFit:
     """How a map fits the markers that constrain it.
 
-    scale: factor by which the rig's ranges are taken longer, with its standard error. before,
-    after: what is known against the map without and with that, by name. refused: what was not used,
-    since it cannot be right. control: residuals of surveyed places.
+    scale: factor by which the rig's ranges are taken longer, with its standard error, which grows
+    where lengths contradict each other. before, after: what is known against the map without and
+    with that, by name. refused: what was not used, since it cannot be right. control: residuals of
+    surveyed places.
     origin: of these, where they were given as latitude and longitude. doubled: numbers of which a
-    frame shows two markers.
+    frame shows two markers. unseen: a line for each that is known of markers that were not found.
     """
 
     markers: int
@@ -36,12 +37,13 @@ class MarkersFit:
     control: ControlFit | None = None
     origin: GeoOrigin | None = None
     doubled: tuple[int, ...] = ()
+    unseen: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         if not self.before:
             return (
-                f"markers: {self.markers} found in two frames or more, but their sizes and "
-                "positions are unknown: no marker constrains the map"
+                f"markers: {self.markers} found in two frames or more, but none of a known "
+                "size, distance or position: no marker constrains the map"
             )
         text = (
             f"markers: {self.markers} found; ranges multiplied by {self.scale:.5f} ± "
@@ -65,6 +67,7 @@ class MarkersFit:
             "coordinates of the poses?"
             for name in self.refused
         ]
+        warnings += self.unseen
         if self.doubled:
             warnings.append(two_of_a_number(self.doubled))
         off, rig = abs(self.scale - 1), SETTINGS.rig_scale_std
@@ -104,8 +107,24 @@ def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
     )
     weights = stds**-2
     scale, std = float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)
+    # lengths that differ by more than their errors are off by more than these (Birge 1932)
+    off = values[1:] - scale
+    scatter = float(np.sqrt(weights[1:] @ off**2 / (len(right) - 1))) if len(right) > 1 else 1.0
     found = len(marks.placed(T_world_camera))
-    return MarkersFit(found, scale, std, before, {}, refused, doubled=marks.doubled)
+    return MarkersFit(
+        found,
+        scale,
+        std * max(scatter, 1.0),
+        before,
+        {},
+        refused,
+        doubled=marks.doubled,
+        unseen=tuple(
+            f"{name}: too few of its markers were found in two frames: not used"
+            for name in marks.known
+            if name not in before
+        ),
+    )
 
 
 def fit_to_fiducials(

@@ -256,11 +256,20 @@ def on_earth(fused: Path, out: Path) -> Path:
     return out
 
 
-def test_an_unknown_depth_is_not_exported_as_an_altitude(fused: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def without_depths(fused: Path, tmp_path: Path) -> Path:
+    """The run, whose map knows its place on Earth, but no depth."""
     out = on_earth(fused, tmp_path / "out")
     description = json.loads((out / "map/map.json").read_text())
     description["origin"]["depth_known"] = False
     (out / "map/map.json").write_text(json.dumps(description))
+    return out
+
+
+def test_an_unknown_depth_is_not_exported_as_an_altitude(
+    without_depths: Path, tmp_path: Path
+) -> None:
+    out = without_depths
     export(out, "biigle", tmp_path / "biigle")
     export(out, "ifdo", tmp_path / "ifdo")
     rows = csv.DictReader((tmp_path / "biigle/metadata.csv").read_text().splitlines())
@@ -292,8 +301,14 @@ def test_tiles_for_globes_lie_where_the_map_lies(fused: Path, tmp_path: Path) ->
 
 
 @pytest.mark.slow
+def test_tiles_of_unknown_depth_say_so(without_depths: Path, tmp_path: Path) -> None:
+    note = export(without_depths, "3d-tiles", tmp_path / "to").note
+    assert "; the depths are unknown, so that the map lies near the water surface" in note
+
+
+@pytest.mark.slow
 def test_a_map_of_no_known_place_has_tiles_in_its_world(fused: Path, tmp_path: Path) -> None:
-    export(fused, "3d-tiles", tmp_path / "to")
+    assert "depths" not in export(fused, "3d-tiles", tmp_path / "to").note
     root = json.loads((tmp_path / "to" / "tileset.json").read_text())["root"]
     assert root["transform"][12:15] == pytest.approx(open_posed_run(fused).offset_m.tolist())
 
@@ -306,6 +321,18 @@ def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
     assert item.id == "out" and item.bbox == pytest.approx([152.0, -23.5, 152.0, -23.5], abs=1e-4)
     assert all((tmp_path / "to" / asset.href).is_file() for asset in item.assets.values())
     assert "map/dem.tif" in item.assets and item.common_metadata.start_datetime is not None
+
+
+def test_a_catalog_says_of_frames_without_a_date_that_its_times_are_others(
+    fused: Path, tmp_path: Path
+) -> None:
+    export(fused, "stac", tmp_path / "to")
+    item = json.loads((tmp_path / "to" / f"{fused.name}.json").read_text())
+    assert item["properties"]["stereo-seecolor:undated"] is True
+    assert "the times are those of processing" in item["properties"]["description"]
+    whole = json.loads((tmp_path / "to" / "collection.json").read_text())
+    assert whole["extent"]["temporal"]["interval"] == [[None, None]]
+    assert whole["description"] == "1 dive of a stereo camera"
 
 
 def test_the_item_of_a_run_named_collection_stays_beside_the_collection(

@@ -12,7 +12,7 @@ from stereo_seecolor.cli.result_texts import run_text
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.errors import ColorError, InputError
+from stereo_seecolor.errors import ColorError, ConfigError, InputError
 from stereo_seecolor.extras.fleet import campaign as module
 from stereo_seecolor.extras.fleet.campaign import CampaignFile, campaign
 from stereo_seecolor.extras.fleet.plan import plan
@@ -58,6 +58,16 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
     file.write_text(file.read_text().replace("{name: part,", "{name: part, water: w.json,"))
     asked = campaign(file, only_failed=True)  # of a dive whose entry changed, as it is now
     assert "w.json" in asked.dives[1].error
+
+
+def test_a_mistyped_setting_is_named_before_the_first_dive(tmp_path) -> None:
+    entries = [f"{{name: {name}, {SIDES}, settings: {{{key}: 6}}}}" for name, key in SETTINGS]
+    with pytest.raises(ConfigError, match=r"yaml: dive 'tuesday': .*matching\.max_range_mm"):
+        campaign(write(tmp_path / "campaign.yaml", *entries))
+    assert not (tmp_path / "results").exists()
+
+
+SETTINGS = (("monday", "matching.max_range_m"), ("tuesday", "matching.max_range_mm"))
 
 
 @pytest.mark.slow
@@ -165,7 +175,7 @@ def test_a_dive_whose_numbers_or_map_are_not_right_is_not_done(
         "map": RunSummary((row("ok"),)),
         "good": RunSummary((row("ok"),)),
     }
-    navigation = SimpleNamespace(relative_poses=3, fits=False, blurred=False)
+    navigation = SimpleNamespace(relative_poses=3, fits=False, blurred=False, advice="in feet")
     mapped = MapSummary(5, 4, (2, 2), ("x",), (), 9, 1.0, (), navigation)
     monkeypatch.setattr(module, "run", lambda *given: made[given[3].name])
     monkeypatch.setattr(module, "fuse", lambda *_: mapped)
@@ -178,8 +188,7 @@ def test_a_dive_whose_numbers_or_map_are_not_right_is_not_done(
         ("some pairs failed", "1 file without a partner"),
         (
             "problems",
-            "1 of 5 frames are not in the map; the map is in 2 parts; the given poses contradict "
-            "the images",
+            "1 of 5 frames are not in the map; the map is in 2 parts; in feet",
         ),
         ("done", ""),
     ]
@@ -237,7 +246,10 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
     ("text", "message"),
     [
         ("dives: [", "is not YAML"),
+        ("out: a\nout: b", "'out' is given twice"),
         ("out: x", "dives: Field required"),
+        ("# no line", "the file: holds no lines of the form key: value"),
+        ("{out: x, dives: [monday]}", "dives.0: holds no lines"),
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
         (f"{{out: x, dives: [{{name: 2024-05-01, {SIDES}}}]}}", "dives.0.name: .*in quotes"),

@@ -120,6 +120,24 @@ def test_shards_corrected_apart_with_the_water_of_all(make_dive, tmp_path, lock:
 
 
 @pytest.mark.slow
+def test_parts_run_elsewhere_with_other_waters_are_merged_with_a_note(
+    make_dive, tmp_path, cli, monkeypatch
+) -> None:
+    dive = make_dive(4)
+    given = json.loads(_fitted(sharded(dive, tmp_path)[0], tmp_path).read_text())
+    monkeypatch.chdir(dive.root)
+    for number, red in ((1, 0.12), (2, 0.18)):
+        given["water"]["beta"][0] = red
+        water = tmp_path / f"water{number}.json"
+        water.write_text(json.dumps(given))
+        options = RunOptions(shard=Shard(number, 2), water=water)
+        run(Path("L"), Path("R"), Path("cam.yaml"), tmp_path / f"apart{number}", None, options)
+    monkeypatch.chdir(tmp_path)
+    code, said, _ = cli("merge", "apart1", "apart2", "--out", "merged")
+    assert code == 0 and "the parts were corrected with different water parameters" in said
+
+
+@pytest.mark.slow
 def test_parts_that_do_not_belong_together_are_refused(make_dive, tmp_path) -> None:
     dive = make_dive(4)
     one, two = sharded(dive, tmp_path)

@@ -318,13 +318,16 @@ def test_what_is_written(
         name = "stereo_seecolor.extras.reef.compare.compare"
         patch.setattr(name, lambda *_: replace(found, joint=None))
         code, said, _ = cli("compare", dives[0], dives[1], "--json")
+        same = replace(found, change=replace(found.change, patches=()))
+        patch.setattr(name, lambda *_: same)
+        assert "no patch of change" in cli("compare", dives[0], dives[1])[1]
     content = json.loads(said)
     assert (code, mismatch(content, SHAPES["compare"])) == (0, None)
     assert content["growth_l"] == pytest.approx(
         json.loads((folder / "change.json").read_text())["growth_l"]
     )
-    code, said, _ = cli("compare", dives[0], dives[0])
-    assert code == 0 and "no patch of change" in said
+    code, _, said = cli("compare", dives[0], dives[0])
+    assert (code, "is given as both runs: give another dive of the site" in said) == (1, True)
     with pytest.raises(OutputError, match=str(folder)):
         compare(dives[0], dives[1], folder)
     write_run(tmp_path / "bare", flat_frames(3), PAIR)

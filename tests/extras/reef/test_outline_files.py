@@ -54,6 +54,16 @@ def test_a_system_that_is_no_member_but_a_name_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
 
 
+def test_a_system_on_earth_does_not_fit_a_local_map(tmp_path: Path) -> None:
+    """Programs name the default of GeoJSON themselves."""
+    local: Any = SimpleNamespace(origin=None, offset_m=POSED.offset_m)
+    with pytest.raises(InputError, match="its crs 'EPSG:32755' is on Earth, but the map has only"):
+        read_outlines(geojson(tmp_path / "p.geojson", RING, "EPSG:32755"), local)
+    for name in ("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", 'ENGCRS["Local"]', None):
+        (outline,) = read_outlines(geojson(tmp_path / "p.geojson", RING, name), local)
+        np.testing.assert_allclose(outline.rings[0], np.array(RING) - [10, 20])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["urn:ogc:def:crs:EPSG::99999", "EPSG:wrong", "my system"])
 def test_a_system_that_is_not_known_is_named(name: str, tmp_path: Path) -> None:

@@ -224,6 +224,16 @@ def test_frames_that_one_file_lacks_are_named(tmp_path: Path, lost: int) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("lost", "place"), [(1, 0.1), (2, 0.9)])
+def test_one_or_two_frames_that_are_lost_in_the_first_or_last_second_are_named(
+    tmp_path: Path, lost: int, place: float
+) -> None:
+    """Parts of 3 s and the agreement of pairs do not show them."""
+    with pytest.raises(InputError, match=r"around [\d.]+ s and \+0\.2\d+ s around [\d.]+ s: one"):
+        sync(*write_pair(tmp_path, 0.31, seconds=12, lost=lost, place=place))
+
+
+@pytest.mark.slow
 def test_frames_that_are_lacking_near_an_end_of_the_overlap_are_named(tmp_path: Path) -> None:
     """Its halves alone hide them: one is then of both offsets."""
     with pytest.raises(

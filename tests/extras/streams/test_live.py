@@ -173,8 +173,10 @@ def test_what_is_waited_for_is_said_once(tmp_path: Path, monkeypatch: pytest.Mon
         return session.counts.waiting
 
     assert waits() == waits() == f"{left} and {right}"
+    assert not session.counts.has_unpaired
     arrives(source, "L", "a.png")
     assert waits() == right
+    assert session.counts.has_unpaired
     arrives(source, "R", "b.png")
     assert waits().endswith(
         "by name or time stamp, for example a.png and b.png: give both files the same name, or "
@@ -182,12 +184,24 @@ def test_what_is_waited_for_is_said_once(tmp_path: Path, monkeypatch: pytest.Mon
     )
     arrives(source, "R", "a.png")
     assert session.step()
-    assert session.counts.waiting == ""
+    assert (session.counts.waiting, session.counts.has_unpaired) == ("", False)
     assert [line.split()[0] for line in told] == ["waiting"] * 3
     first = live_session.WaitNotice(told.append)
     time.sleep(0.001)
     source.waiting = ""
     assert first.waiting(source, None).startswith("two images of one time")
+
+
+@pytest.mark.parametrize("has_unpaired", [True, False])
+def test_a_side_that_stops_alone_gives_exit_code_3(has_unpaired: bool, cli, monkeypatch) -> None:
+    """Both stop at the end of a dive."""
+    numbers = LiveCounts(done=9, waiting="R", has_unpaired=has_unpaired).facts()
+    ended = SimpleNamespace(**numbers, notes=(), wrong=())
+    monkeypatch.setattr(live_command, "live", lambda *_: ended)
+    code, printed, _ = cli("live", "--left", "L", "--right", "R", "--calib", "cam.yaml")
+    assert code == (3 if has_unpaired else 0)
+    alone = ", while images without a partner came" * has_unpaired
+    assert f"at the end it waited for R{alone}\n" in printed
 
 
 def test_the_first_of_each_kind_of_error_and_warning_is_told() -> None:
@@ -582,6 +596,7 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     assert code == 0, said
     assert said.startswith("http://127.0.0.1:")
     assert "1 pair corrected, 0 failed, 3 skipped for newer ones" in printed
+    assert "3 pairs before 0003 skipped: live corrects the newest pair; run corrects all" in said
     assert (tmp_path / "kept/corrected/0003.png").is_file()
     assert (tmp_path / "kept/range/0003.tiff").is_file()
     code, _, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept")
@@ -647,12 +662,21 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
 
 
 @pytest.mark.slow
-def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
+def test_live_ends_after_so_many_pairs_and_names_what_is_written(incoming, monkeypatch) -> None:
     dive, folder, arrive = incoming
     arrive(2)
     inputs = LiveInputs(folder / "L", folder / "R", calib=dive.root / "cam.yaml")
     found = live(inputs, options=LiveOptions(pairs=1))
     assert (found.done, found.failed, found.dropped, found.last_error) == (1, 0, 0, "")
+    told: list[str] = []
+
+    def full(_: object) -> None:
+        raise OutputError("full")
+
+    monkeypatch.setattr(live_command, "_made", lambda *_: [full])
+    with pytest.raises(OutputError, match="full"):
+        live(inputs, options=LiveOptions(pairs=1, announce=told.append))
+    assert told[-1] == "1 pair corrected, 0 failed; the outputs of 0 are complete"
 
 
 @pytest.mark.slow

@@ -271,11 +271,11 @@ def test_a_stream_that_is_open_and_sends_nothing_is_named(monkeypatch: pytest.Mo
     assert source.waiting == "left and right"
     send(left, 0)
     right.waiting = ""  # as where a topic has a publisher
-    assert source.waiting == "right"
+    assert (source.waiting, source.has_unpaired) == ("right", True)
     send(right, 0)
     assert source.waiting == ""
     monkeypatch.setattr(live_streams, "QUIET_S", -1.0)
-    assert source.waiting == "left and right"
+    assert (source.waiting, source.has_unpaired) == ("left and right", False)
 
 
 def test_two_free_running_cameras_half_an_image_apart_are_no_pair() -> None:

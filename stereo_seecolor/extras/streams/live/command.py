@@ -22,6 +22,7 @@ from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import OutputError
 from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 from stereo_seecolor.extras.streams.live.budget import Budget
 from stereo_seecolor.extras.streams.live.outputs import KeptFiles, published, recorder
@@ -49,9 +50,9 @@ class LiveResult:
     """Numbers of a live session. done, failed: pairs. biased: of the done ones, those whose rows
     are off, so that the calibration does not fit. dropped: left images skipped for newer ones.
     reduced: what was left out of the last pair to save time, "" for nothing. waiting: what was
-    waited for at the end, "" for nothing. notes: on the calibration and the bag, and of the
-    checks of run on all pairs together at the end, if they can be read again; wrong: the numbers
-    that these find wrong.
+    waited for at the end, "" for nothing. has_unpaired: meanwhile images came that have no partner.
+    notes: on the calibration and the bag, and of the checks of run on all pairs together at the
+    end, if they can be read again; wrong: the numbers that these find wrong.
 
     latency: seconds from arrival of a pair to its corrected image. products: until all its products
     are written. Both None before the first pair.
@@ -64,6 +65,7 @@ class LiveResult:
     last_error: str
     reduced: str
     waiting: str
+    has_unpaired: bool
     latency_median_s: float | None
     latency_p95_s: float | None
     products_median_s: float | None
@@ -179,7 +181,14 @@ def live(
         def is_enough(counts: LiveCounts) -> bool:
             return options.pairs is not None and counts.done + counts.failed >= options.pairs
 
-        LiveSession(source, processor.process, finish, counts, options.announce).run(is_enough)
+        try:
+            LiveSession(source, processor.process, finish, counts, options.announce).run(is_enough)
+        except OutputError:
+            options.announce(
+                f"{counted(counts.done, 'pair')} corrected, {counts.failed} failed; the outputs of "
+                f"{counts.written} are complete"
+            )
+            raise
     found = opened
     if counts.done and (pairs := source.still_there()):
         options.announce(f"checking the calibration against {counted(len(pairs), 'pair')}")

@@ -158,6 +158,11 @@ class FolderWatch:
         return pairs[first : lefts.index(self._last) + 1] if self._last in lefts else ()
 
     @property
+    def has_unpaired(self) -> bool:
+        """True where files of a side were not taken."""
+        return bool(self._left.new or self._right.new)
+
+    @property
     def ended(self) -> bool:
         """False: more files may always arrive."""
         return False

@@ -20,6 +20,7 @@ class PlayedBag:
     """
 
     waiting = "the time of the next pair in the bag"
+    has_unpaired = False
 
     def __init__(
         self,

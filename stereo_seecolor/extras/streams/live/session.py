@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from calibration import CalibrationError
+from calibration.errors import counted
 from stereo_seecolor.compute.background import WorkBehind
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.extras.streams.live.processing import LiveFrame
@@ -48,6 +49,10 @@ class LiveSource(Protocol):
         """What is missing for a pair: the sides from which nothing arrives now, or partners; "" if
         nothing is known to be missing.
         """
+
+    @property
+    def has_unpaired(self) -> bool:
+        """True where images have come since the last pair, and none of them has a partner."""
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken; None for none."""
@@ -117,14 +122,18 @@ class LiveCounts:
     done, failed: pairs. biased: of the done ones, those whose rows are off. dropped: pairs skipped.
     waiting: what is waited for where no pair has come for some time, else "". images_s: seconds
     from the arrival of each of the last pairs to its corrected image; products_s: until all its
-    outputs are written. reduced: a note where pairs are matched at reduced size, else "".
+    outputs are written. written: pairs whose outputs are complete. has_unpaired: while something
+    is waited for, images come that have no partner. reduced: a note where pairs are matched at
+    reduced size, else "".
     """
 
     done: int = 0
     failed: int = 0
     biased: int = 0
     dropped: int = 0
+    written: int = 0
     waiting: str = ""
+    has_unpaired: bool = False
     last_error: str = ""
     reduced: str = ""
     images_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
@@ -180,6 +189,7 @@ class LiveSession:
         """Process the newest pair; False if there is none, or its files are still being written."""
         pair = self.source.newest()
         self.counts.waiting = self._notice.waiting(self.source, pair)
+        self.counts.has_unpaired = bool(self.counts.waiting) and self.source.has_unpaired
         if pair is None:
             return False
         arrived_s = time.monotonic() - self.source.latency_s(pair)
@@ -194,6 +204,12 @@ class LiveSession:
         else:
             self._corrected(frame, arrived_s)
         self.source.take(pair)
+        is_first = self.counts.done + self.counts.failed == 1
+        if is_first and self.source.dropped and pair.left.is_file():  # not of a camera
+            self.tell(
+                f"{counted(self.source.dropped, 'pair')} before {pair.name} skipped: live corrects "
+                "the newest pair; run corrects all pairs of a folder"
+            )
         self.counts.dropped = self.source.dropped
         return True
 
@@ -208,6 +224,7 @@ class LiveSession:
         def finish() -> None:
             self.finish(frame)
             self.counts.products_s.append(time.monotonic() - arrived_s)
+            self.counts.written += 1
 
         self._behind.put(finish)
 

@@ -90,6 +90,11 @@ class StreamPairs:
         quiet = (stream.name for stream in (self._left, self._right) if stream.is_quiet)
         return " and ".join(dict.fromkeys(quiet))
 
+    @property
+    def has_unpaired(self) -> bool:
+        """True where one side sends images now, or both send images of other times."""
+        return not (self._left.is_quiet and self._right.is_quiet)
+
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None."""
         self._receive()

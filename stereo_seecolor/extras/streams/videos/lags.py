@@ -27,6 +27,10 @@ class LagLimits:
     drift: float = 50e-6
     # the fine search stays so near the coarse lag, whose steps are a hundredth of a second
     rest_s: float = 0.25
+    # rigs move at up to some 2 Hz: what is faster is noise of the measured motion
+    smooth_s: float = 0.15
+    # samples on either side of a step
+    least: int = 8
 
 
 LIMITS = LagLimits()
@@ -121,6 +125,50 @@ def fine_lag(
         error_drift[-1] * 1e-4,
         center_s,
     )
+
+
+def lags_at_step(times: tuple[Array, Array], signals: tuple[Array, Array], whole: Lag) -> list[Lag]:
+    """The lags before and after the one moment at which a step of the lag explains most of what
+    ``whole`` leaves; none for too few samples.
+
+    A gain and a constant of each quantity are free. Finds frames that are lost near an end, where
+    the lag of so few samples alone is not known.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.ndimage import uniform_filter1d
+
+    at_s = whole.at(times[0])
+    inside = (at_s >= times[1][0]) & (at_s <= times[1][-1])
+    own_s, at_s = times[0][inside], at_s[inside]
+    if len(own_s) < 4 * LIMITS.least:
+        return []
+    spline = CubicSpline(times[1], signals[1])
+    few = max(1, round(LIMITS.smooth_s / float(np.median(np.diff(own_s)))))
+    wanted, found, slope = (
+        uniform_filter1d(values, few, axis=0, mode="nearest")
+        for values in (signals[0][inside], spline(at_s), spline(at_s, 1))
+    )
+    wanted, found = wanted - wanted.mean(axis=0), found - found.mean(axis=0)
+    gain = (wanted * found).sum(axis=0) / ((found**2).sum(axis=0) + 1e-12)
+    rest, slope = wanted - gain * found, gain * slope
+    rest = rest - np.median(rest, axis=0)
+    top, bottom = (np.cumsum((values * slope).sum(axis=1)) for values in (rest, slope))
+    last = len(own_s) - 1
+    k = np.arange(LIMITS.least, last - LIMITS.least)
+    parts = np.stack([top[k], top[last] - top[k]]), np.stack([bottom[k], bottom[last] - bottom[k]])
+    steps_s = parts[0] / (parts[1] + 1e-12)
+    best = int(np.argmax((steps_s * parts[0]).sum(axis=0)))
+    is_after = np.arange(len(own_s)) > k[best]
+    jacobian = np.stack([slope * side[:, None] for side in (~is_after, is_after)], axis=-1).reshape(
+        -1, 2
+    )
+    errors = _standard_errors(jacobian, rest.ravel() - jacobian @ steps_s[:, best], rest.shape[1])
+    centers_s = [own_s[~is_after].mean(), own_s[is_after].mean()]
+    offsets_s = whole.at(np.array(centers_s)) - centers_s + steps_s[:, best]
+    return [
+        Lag(float(offset_s), float(error_s), center_s=float(center_s))
+        for offset_s, error_s, center_s in zip(offsets_s, errors, centers_s, strict=True)
+    ]
 
 
 def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:

@@ -13,7 +13,7 @@ from calibration.robust_statistics import deviation
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.extras.streams.videos.agreement import moved_since_repeated, unlike
 from stereo_seecolor.extras.streams.videos.lags import LIMITS as LAG
-from stereo_seecolor.extras.streams.videos.lags import Lag, coarse_lag, fine_lag
+from stereo_seecolor.extras.streams.videos.lags import Lag, coarse_lag, fine_lag, lags_at_step
 from stereo_seecolor.extras.streams.videos.motion import NoEvidence, VideoSignals, video_signals
 from stereo_seecolor.extras.streams.videos.row_lag import Pairs, row_lag
 from stereo_seecolor.extras.streams.videos.sound import sound_lag
@@ -38,6 +38,10 @@ class SyncLimits:
     # least and at most so many
     part_s: float = 3.0
     parts: tuple[int, int] = (4, 32)
+    # at either end, where a part is too long: frames lost within it, if the lags on both sides are
+    # known to that fraction of a frame
+    ends_s: float = 30.0
+    known: float = 0.25
     reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
     # image widths that the image moves between both frames of a pair: 2 px of 1920, 2% of a range
     false_disparity: float = 1e-3
@@ -262,7 +266,8 @@ def _refuse_lost_frames(
 
     halves = lags(2)
     parts = int(np.clip((end_s - begin_s) / LIMITS.part_s, *LIMITS.parts))
-    near = lags(parts) if whole else []
+    at_ends = _lags_at_ends(signals, whole, begin_s, end_s) if whole else []
+    near = [*lags(parts), *at_ends] if whole else []
     found = sorted(
         [lag for lag in (halves if all(halves) else []) + near if lag],
         key=lambda lag: lag.center_s,
@@ -277,6 +282,20 @@ def _refuse_lost_frames(
                 "s: one of the files lacks frames (lost while recording, or cut out): convert it "
                 "with the times of its frames, or run the parts separately"
             )
+
+
+def _lags_at_ends(
+    signals: tuple[VideoSignals, VideoSignals], whole: Lag, begin_s: float, end_s: float
+) -> list[Lag]:
+    """The lags before and after a moment of the first and of the last seconds."""
+    first, second = signals
+    own_s, found = first.motion_times_s, list[Lag]()
+    for is_end in (own_s <= begin_s + LIMITS.ends_s, own_s >= end_s - LIMITS.ends_s):
+        times, motions = (own_s[is_end], second.motion_times_s), first.motion[is_end]
+        both = lags_at_step(times, (motions, second.motion), whole)
+        if all(lag.std_s < LIMITS.known * first.frame_s for lag in both):
+            found += both
+    return found
 
 
 def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
