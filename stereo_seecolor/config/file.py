@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from calibration.bounded_text import YAML_ERRORS, SingleKeys, TooMuchError, load_json, load_yaml
 from stereo_seecolor.config import RobustConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
-from stereo_seecolor.files.text_documents import read_text
+from stereo_seecolor.files.text_documents import read_text, yaml_problem
 from stereo_seecolor.plugins import added
 
 RUN_FORMAT = "stereo-seecolor/run"
@@ -230,7 +230,7 @@ def _read(path: Path) -> _Content:
     except InputError as error:
         raise ConfigError(str(error)) from error
     except YAML_ERRORS as error:
-        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"{path}: {yaml_problem(error)}") from error
     if isinstance(content, dict) and content.get("format") == RUN_FORMAT:
         content = content.get("config")
     if content is None:
@@ -324,6 +324,10 @@ def _first_problem(error: ValidationError, layers: Sequence[_Layer]) -> str:
     where = _origin(layers, parts) or layers[-1].origin
     if problem["type"] == "extra_forbidden":
         key = ".".join(parts)
+        if parts != key.split("."):
+            return (
+                f"{where}: {key}: write its parts on lines of their own, each below the one before"
+            )
         return f"{where}: there is no setting {key!r}{_suggestion(key)}"
     key = next(
         (known for known in known_keys() if known.split(".") == parts[: known.count(".") + 1]),

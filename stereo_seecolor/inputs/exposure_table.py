@@ -22,8 +22,12 @@ _SECONDS = {
     "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "milliseconds": 1e-3, "us": 1e-6,
     "µs": 1e-6, "microseconds": 1e-6,
 }  # fmt: skip
-_FRACTION = re.compile(r"\s*(\d+(?:\.\d+)?)\s*/\s*(\d+(?:\.\d+)?)\s*")
+_FRACTION = re.compile(r"\s*(\d+(?:\.\d+)?)\s*/\s*(\d+(?:\.\d+)?)\s*(?:(?:s|sec)\s*)?")
 """``1/400``, as exiftool writes a time."""
+_SAME = {"source_file": "file_name", "exposure_time": "shutter_speed"}
+"""Columns of exiftool -> what it writes again beside each."""
+LONGEST_UNNAMED_S = 1.0
+"""Exposures of a column without a unit that are longer are in milli- or microseconds."""
 
 MOST_CHARACTERS = 10_000
 """Of a line; more is another file."""
@@ -55,21 +59,34 @@ class ExposureTable:
             )
         reader = dict_reader(text)
         reader.fieldnames = [_plain(name) for name in reader.fieldnames or ()]
-        units_s = {name: unit for name in reader.fieldnames if (unit := _unit_s(name))}
+        again = {other for name, other in _SAME.items() if name in reader.fieldnames}
+        header = [name for name in reader.fieldnames if name not in again]
+        units_s = {name: unit for name in header if (unit := _unit_s(name))}
         name, exposure, gain = (
-            _column(path, reader.fieldnames, known) for known in (NAMES, tuple(units_s), GAINS)
+            _column(path, header, known) for known in (NAMES, tuple(units_s), GAINS)
         )
+        if "exposure" in header and not exposure:
+            raise InputError(
+                f"{path}: column 'exposure' has no unit: name it exposure_s, exposure_ms or "
+                "exposure_us"
+            )
         if not name or not (exposure or gain):
             raise InputError(
                 f"{path}: needs a header with a column of file names ({', '.join(NAMES)}) and "
-                f"exposure or gain ({', '.join((*EXPOSURES, *GAINS))})"
+                f"exposure or gain ({', '.join((*EXPOSURES, *GAINS))}), as exiftool -csv writes it"
             )
+        is_bare = not exposure or not {*exposure.split("_")} & _SECONDS.keys()
         rows = dict[str, Capture]()
         for row in reader:
             where = f"{path}: line {reader.line_num}"
             exposure_s = (
                 _positive_exposure(where, row, exposure) * units_s[exposure] if exposure else None
             )
+            if exposure_s and exposure_s > LONGEST_UNNAMED_S and is_bare:
+                raise InputError(
+                    f"{where}: {exposure} is {exposure_s:g} s: name its unit: exposure_s, "
+                    "exposure_ms or exposure_us"
+                )
             file = _key(row[name] or "")
             capture = Capture(exposure_s, _gain(where, row, gain) if gain else None)
             if rows.setdefault(file, capture) != capture:

@@ -36,13 +36,13 @@ BAR = {
 }
 PLACE = {
     "marker": r"(gis )?(marker|label|target|tag|name|id|point|punkt|gcp|nr|no)( (id|name|nr|no))?",
-    "x": r"x|x/easting|easting|east|e|rechtswert|ost",
-    "y": r"y|y/northing|northing|north|n|hochwert|nord",
-    "z": r"z|z/altitude|altitude|height|elevation|elev|up|h|höhe|hoehe",
+    "x": r"(utm )?(x|x/easting|easting|east|e)|rechtswert|ost",
+    "y": r"(utm )?(y|y/northing|northing|north|n)|hochwert|nord",
+    "z": r"z|z/altitude|altitude|height|elevation|elev|rl|up|h|höhe|hoehe",
     "depth": r"(marker )?(depth|tiefe|profondeur|profundidad)",
-    "lat": r"(gis )?lat(itude)?", "lon": r"(gis )?lo?ng?(itude)?",
-    "std": r"std|accuracy|acc", "xy_std": r"xy ?acc(uracy)?|xy std",
-    "z_std": r"z ?acc(uracy)?|z std",
+    "lat": r"(gis |y/)?lat(itude)?", "lon": r"(gis |x/)?lo?ng?(itude)?",
+    "std": r"std|acc(uracy)?( x/y/z)?", "xy_std": r"xy ?acc(uracy)?|xy std|acc(uracy)? x(/?y)?",
+    "z_std": r"z ?acc(uracy)?|z std|acc(uracy)? z",
 }  # fmt: skip
 
 
@@ -149,7 +149,7 @@ def _table(
     usual order without one.
     """
     lines = [
-        (f"{path}: line {number}", line.lstrip("#"))
+        (f"{path}: line {number}", re.sub(r"^#+\s*", "#", line))
         for number, line in enumerate(read_text(path).splitlines(), start=1)
         if line.strip("#;,\t ")
     ]
@@ -171,8 +171,8 @@ def _table(
         rows = cells[1:]
         if len(rows) > 1 and all(is_unit(cell) for cell in rows[0][1]):
             rows = rows[1:]
-    # a template's own words
-    rows = [(where, row) for where, row in rows if not row[0].startswith("[")]
+    # a template's own words, and remarks as Metashape's "# Total Error"
+    rows = [(where, row) for where, row in rows if not re.match(r"\[|#\D*$", row[0])]
     if not rows:
         raise InputError(f"{path}: holds no rows below its header")
     if short := next((where for where, row in rows if len(row) <= max(columns.values())), None):
@@ -187,7 +187,7 @@ def _roles(
     units: dict[str, float] = {}
     for i, cell in enumerate(header):
         said = (
-            re.sub(r"[_\s]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", cell.lstrip("[")))
+            re.sub(r"[_\s]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", cell.lstrip("[#")))
             .strip()
             .lower()
         )
@@ -269,7 +269,9 @@ def _number(where: str, text: str) -> float:
 
 
 def _marker(where: str, label: str) -> int:
-    """Of ``7``, ``target 7`` or ``tag36h11_7``."""
+    """Of ``7``, ``target 7``, ``tag36h11_7`` or ``36h11:00f``, RealityCapture's, which is 15."""
+    if found := re.search(r"^\W*\d\w*:([0-9a-f]{3})\W*$", label):
+        return int(found[1], 16)
     found = re.search(r"(\d+)\D*$", label)
     if found is None:
         raise InputError(

@@ -135,6 +135,9 @@ def test_bad_overrides(override: str, message: str) -> None:
         ("colr: {}", r"there is no setting 'colr'; did you mean 'color'"),
         ("- a", r"must hold sections .*got a list"),
         ("a: [", "is not YAML"),
+        ("[color]\nlock = 'survey'\n", "is not YAML: .*: write a section as section: and its"),
+        ("color:\n\tlock: survey\n", "is not YAML: .*: indent by spaces, not by tabs"),
+        ("color.lock: survey", r"run\.yaml: color\.lock: write its parts on lines of their own"),
         ("input: {bayer: none}\ninput: {refine: true}", "'input' is given twice.* line 2"),
         ("color: 5", r"run\.yaml: color: "),
         (

@@ -330,7 +330,28 @@ def test_a_gain_in_decibels_is_known_however_it_is_written(gain: str, tmp_path: 
     assert (row.exposure_s, row.gain) == (pytest.approx(0.0025), pytest.approx(10))
 
 
-def test_an_exposure_without_a_unit_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("file,exposure\na.png,2.5\n")
-    with pytest.raises(InputError, match="exposure_ms"):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("file,exposure\na.png,2.5\n", "'exposure' has no unit: name it exposure_s, exposure_ms"),
+        ("file,exposure,gain\na.png,2500,1\n", "'exposure' has no unit: name it exposure_s"),
+        (
+            "Filename,ExposureTime,Gain\na.png,2500.5,1\n",
+            "line 2: exposure_time is 2500.5 s: name its unit: exposure_s, exposure_ms",
+        ),
+    ],
+)
+def test_an_exposure_without_a_unit_is_refused(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
         ExposureTable.read(tmp_path / "log.csv")
+
+
+def test_all_columns_of_exiftool_are_read_and_a_time_with_its_unit(tmp_path: Path) -> None:
+    head = "SourceFile,FileName,ExposureTime,ShutterSpeed,ShutterSpeedValue,ISO\n"
+    (tmp_path / "log.csv").write_text(head + "./L/a.jpg,a.jpg,1/400,1/400,1/406 s,200\n")
+    (read,) = ExposureTable.read(tmp_path / "log.csv").rows.items()
+    assert read == ("L/a.jpg", Capture(exposure_s=pytest.approx(0.0025), gain=2.0))
+    (tmp_path / "log.csv").write_text("image,shutter speed\na.jpg,1/400 sec\n")
+    row = ExposureTable.read(tmp_path / "log.csv").rows["a.jpg"]
+    assert row.exposure_s == pytest.approx(0.0025)

@@ -37,6 +37,8 @@ BARS = {
     "meters]\n1,2,0.5\n3,4,0.75\n",
     "Metashape's": "#Label,Distance (m),Accuracy (m)\ntarget 1_target 2,0.5,0.001\ntarget "
     "3_target 4,0.75,0.001\n",
+    "remarks below": "#Label,Distance (m)\n1_2,0.5\n3_4,0.75\n# Total Error,0.001\n",
+    "RealityCapture's numbers": "36h11:001,36h11:002,0.5\n36h11:003,36h11:004,0.75\n",
     "tabs and a byte order mark": "\ufefffirst\tsecond\tdistance_m\ntag36h11_1\ttag36h11_2\t0.5\ntag36h11_3\ttag36h11_4\t0.75\n",  # noqa: E501
 }
 
@@ -61,7 +63,14 @@ def test_rows_of_single_digits_are_no_line_of_units(tmp_path: Path) -> None:
     assert sorted(read_places(tmp_path / "places.csv").points) == [1, 2, 3]
 
 
+def test_numbers_of_realitycapture_are_hexadecimal_and_those_of_ros_are_not(tmp_path: Path) -> None:
+    file = tmp_path / "places.csv"
+    file.write_text('"36h11:00e" 0 0 -5\n"36h11:011" 1 0 -5\ntag36h11:123 0 1 -6\n')
+    assert sorted(read_places(file).points) == [14, 17, 123]
+
+
 PLACES = {
+    "UTM and a reduced level": "Name,UTM_E,UTM_N,RL\n1,100,200,-8\n2,103,204,-8.5\n",
     "this program's": "marker,x_m,y_m,z_m\n1,100,200,-8\n2,103,204,-8.5\n",
     "with a note and errors": "marker,x_m,y_m,z_m,std_m,note\n1,100,200,-8,0.01,by "
     "tape\n2,103,204,-8.5,0.01,\n",
@@ -103,6 +112,12 @@ def test_latitudes_and_longitudes_become_meters(tmp_path: Path) -> None:
     ) == pytest.approx((12.15, -68.28))
     np.testing.assert_allclose(places.points[2], [3, 4, -8.5], atol=1e-3)
     assert places.stds_m[2] == 0.03
+    (tmp_path / "metashape.txt").write_text(
+        f"#Label,Y/Latitude,X/Longitude,Z/Altitude,Accuracy_X/Y_(m),Accuracy_Z_(m)\n{rows}"
+    )
+    again = read_places(tmp_path / "metashape.txt")
+    np.testing.assert_array_equal(again.points[2], places.points[2])
+    assert again.stds_m == places.stds_m
     elsewhere = read_places(
         tmp_path / "gis.csv", GeoOrigin(*degrees_from_north_east(-10.0, 20.0, origin))
     )

@@ -45,6 +45,7 @@ SAID = {
     "string_pattern_mismatch": "a name has only letters, digits, _, - and ., and begins with a "
     "letter or digit",
     "too_short": "lists no dive",
+    "tuple_type": "is not a list: begin each dive with a -",
     **dict.fromkeys(("model_type", "dict_type"), "holds no lines of the form key: value"),
 }
 """Of pydantic's kinds of errors, those that its words explain badly."""

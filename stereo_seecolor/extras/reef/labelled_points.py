@@ -21,8 +21,8 @@ from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
 PLACE = ("name", "row", "column")
-LABELS = ("label", "label code")
-"""Columns of CoralNet's annotations: as it exports them, and as it takes them."""
+LABELS = ("label", "label code", "label id")
+"""Columns of CoralNet's annotations: as it exports them, as it takes them, and as numbers."""
 Z95 = 1.959964
 """Of the normal distribution: 95 % lie within."""
 

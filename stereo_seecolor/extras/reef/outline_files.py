@@ -17,8 +17,11 @@ from stereo_seecolor.mapping.raster.georeference import crs_wkt
 from stereo_seecolor.run_folder.layout import MOSAIC
 from stereo_seecolor.run_folder.posed_run import PosedRun
 
-LABEL_KEYS = ("label", "class", "class_name", "category", "type", "species", "taxon")
-NAME_KEYS = ("name", "id", "fid")
+LABEL_KEYS = (
+    "label", "class", "class_name", "category", "type", "species", "taxon",
+    "tl_class", "classname",  # of TagLab's shapefiles, of ArcGIS's training samples
+)  # fmt: skip
+NAME_KEYS = ("name", "id", "fid", "tl_id", "objectid")
 DEGREES_NEAR = 0.5
 """Coordinates within this of the map's place on Earth are longitude and latitude; meters of a map
 are never so there by chance.
@@ -53,7 +56,10 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
             raise InputError(f"{path}: is {kind}: save the polygons as GeoJSON")
         content = load_json(decode_text(raw))
     except ValueError as error:
-        raise InputError(f"{path}: is neither GeoJSON nor a TagLab project: {error}") from error
+        raise InputError(
+            f"{path}: is neither GeoJSON nor a TagLab project ({error}): save the polygons as "
+            "GeoJSON"
+        ) from error
     if isinstance(content, dict):
         keys = content.keys()
         if kind := next((what for own, what in OTHER_JSON.items() if {*own} <= keys), None):
@@ -66,7 +72,9 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged, or in an unknown format: {error!r}") from error
+        raise InputError(
+            f"{path}: is damaged, or in an unknown format ({error!r}): save the polygons as GeoJSON"
+        ) from error
     if not outlines:
         raise InputError(
             f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a "
@@ -75,24 +83,31 @@ def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
     return outlines
 
 
-_POLYGONS: dict[str, Callable[[Any], list[Any]]] = {
-    "Polygon": lambda rings: [rings],
-    "MultiPolygon": list,
-}
+def _parts(geometry: dict[str, Any], number: int) -> list[Any]:
+    """The polygons of a geometry; none of points. Raises InputError for a line, which may be an
+    outline that someone drew.
+    """
+    kind = geometry.get("type", "")
+    if kind == "GeometryCollection":
+        return [part for each in geometry["geometries"] for part in _parts(each, number)]
+    if kind in ("LineString", "MultiLineString"):
+        raise InputError(f"feature {number} is a line: make it a polygon, or leave it out")
+    if kind not in ("Polygon", "MultiPolygon"):
+        return []
+    polygons = geometry["coordinates"] if kind == "MultiPolygon" else [geometry["coordinates"]]
+    return [rings for rings in polygons if rings]
 
 
 def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
     if not isinstance(content, dict):
         raise InputError("is a list: save the polygons as a FeatureCollection")
-    bare = [{"geometry": content} if content["type"] in _POLYGONS else content]
+    bare = [content if content["type"] == "Feature" else {"geometry": content}]
     features = content["features"] if content["type"] == "FeatureCollection" else bare
     turn = _turn(content, posed)
     found = []
     for number, feature in enumerate(features, 1):
         geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
-        parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(
-            geometry.get("coordinates")
-        )
+        parts = _parts(geometry, number)
         polygons = [[_ring(ring, turn, number) for ring in part] for part in parts]
         _check_holes(polygons, number)
         if rings := tuple(ring for polygon in polygons for ring in polygon):
@@ -196,7 +211,11 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
 
 
 def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
-    """Regions of the image of the size of the orthomosaic; contours are x, y in pixels."""
+    """Regions of the image of the size of the orthomosaic.
+
+    Contours are x, y in pixels, or as TagLab writes them now: one text of tenths of a pixel, each
+    corner from the one before.
+    """
     with open_raster(posed.map_folder / MOSAIC) as file:
         size, transform = (file.width, file.height), file.transform
     images = [
@@ -205,14 +224,17 @@ def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
     if not images:
         raise ValueError(f"no image of {size[0]} x {size[1]} px, the size of {MOSAIC}")
 
-    def turn(ring: list[Any]) -> Ring:
+    def turn(ring: str | list[Any]) -> Ring:
+        numbers = np.array(ring.split() if isinstance(ring, str) else ring, np.float64)
+        px = numbers if numbers.ndim > 1 else numbers.reshape(-1, 2).cumsum(axis=0) / 10
         # north is up
         corner, scale = (np.array([transform.c, transform.f]), np.array([transform.a, transform.e]))
-        return np.asarray(
-            corner + scale * (np.array(ring, np.float64)[:, :2] + 0.5) - posed.offset_m[:2]
-        )
+        return np.asarray(corner + scale * (px[:, :2] + 0.5) - posed.offset_m[:2])
 
-    regions = [region for image in images for region in image["annotations"]["regions"]]
+    found = [image["annotations"] for image in images]  # a list of regions in older projects
+    regions = [
+        one for each in found for one in (each if isinstance(each, list) else each["regions"])
+    ]
     return [
         Outline(
             f"{each['id']}",

@@ -246,6 +246,8 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
     ("text", "message"),
     [
         ("dives: [", "is not YAML"),
+        (r'out: "D:\dives"', "is not YAML: .*: write paths of Windows with /, or without quotes"),
+        ("{out: x, dives: {a: {left: l}}}", "dives: is not a list: begin each dive with a -"),
         ("out: a\nout: b", "'out' is given twice"),
         ("out: x", "dives: Field required"),
         ("# no line", "the file: holds no lines of the form key: value"),

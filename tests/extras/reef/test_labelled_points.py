@@ -77,6 +77,7 @@ def test_a_pixel_of_a_frame_lies_where_the_frame_saw_it(posed: PosedRun, tmp_pat
     [
         ("name,row,column,label\nf1.png,2,30,a\nf1.png,7,5,b\n", "utf-8"),
         ("NAME,ROW,COLUMN,LABEL CODE,Label ID\r\nf1,2,30,a,8\r\nf1.JPG,7,5,b,9\r\n", "utf-8-sig"),
+        ("Row,Column,Name,Label ID\n2,30,f1.png,a\n7,5,f1.png,b\n", "utf-8"),
         ("Name;Row;Column;Label;Annotator\r\nf1.png;2;30;a;Müller\r\nf1;7;5;b;\r\n", "cp1252"),
         ("Name\tRow\tColumn\tLabel\nc/f1.png\t2\t30\ta\nD:\\c\\f1.png\t7\t5\tb\n", "utf-16"),
         (

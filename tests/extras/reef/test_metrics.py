@@ -666,6 +666,26 @@ def test_degrees_without_a_system_are_recognized_across_the_antimeridian(
     np.testing.assert_allclose(outline.rings[0][:4], SQUARE, atol=2e-3)
 
 
+def test_no_polygon_of_a_collection_is_lost_and_labels_of_taglab_and_arcgis_are_read(
+    fused: Path, tmp_path: Path
+) -> None:
+    square = {"type": "Polygon", "coordinates": [[*SQUARE, SQUARE[0]]]}
+    empty: dict[str, object] = {"type": "Polygon", "coordinates": []}  # as QGIS may write it
+    given = [
+        (
+            {"TL_id": 5, "TL_Class": "Porites"},
+            {"type": "GeometryCollection", "geometries": [square]},
+        ),
+        ({"OBJECTID": 6, "Classname": "sand"}, square),
+        ({"OBJECTID": 7, "Classname": "sand"}, empty),
+    ]
+    features = [{"type": "Feature", "properties": p, "geometry": g} for p, g in given]
+    file = tmp_path / "c.json"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    found = read_outlines(file, open_posed_run(fused))
+    assert [(each.name, each.label) for each in found] == [("5", "Porites"), ("6", "sand")]
+
+
 def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path: Path) -> None:
     import rasterio
 
@@ -684,6 +704,15 @@ def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path:
     (outline,) = read_outlines(project, open_posed_run(fused))
     np.testing.assert_allclose(outline.rings[0], SQUARE, atol=1e-9)
     assert (outline.name, outline.label) == ("7", "Pocillopora")
+    steps = np.diff(np.rint(np.array(contour) * 10).astype(int), axis=0, prepend=0).ravel()
+    text = " ".join(map(str, steps))  # tenths of a pixel, each corner from the one before
+    region |= {"contour": text, "inner contours": [text]}
+    for regions in ({"regions": [region], "points": []}, [region]):  # now, and in older projects
+        project.write_text(json.dumps({"images": [{**image, "annotations": regions}]}))
+        (outline,) = read_outlines(project, open_posed_run(fused))
+        assert len(outline.rings) == 2
+        np.testing.assert_allclose(outline.rings[0], SQUARE, atol=0.1 * cell_m)
+        np.testing.assert_allclose(outline.rings[1], SQUARE, atol=0.1 * cell_m)
     project.write_text(json.dumps({"images": [{**image, "width": 3}]}))
     with pytest.raises(InputError, match=r"no image of .* px, the size of orthomosaic.tif"):
         read_outlines(project, open_posed_run(fused))
@@ -692,9 +721,13 @@ def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "is neither GeoJSON"),
+        ("{", r"is neither GeoJSON nor .*: save the polygons as GeoJSON$"),
         ('{"type": "FeatureCollection", "features": []}', "holds no polygon"),
-        ('{"features": 3}', "is damaged, or in an unknown format"),
+        ('{"features": 3}', r"is damaged, or in an unknown .*: save the polygons as GeoJSON$"),
+        (
+            '{"type": "LineString", "coordinates": [[0, 0], [1, 0], [1, 1], [0, 0]]}',
+            "feature 1 is a line: make it a polygon, or leave it out",
+        ),
         (
             '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}',
             "holds no polygon",
