@@ -110,7 +110,7 @@ def test_text_of_a_shared_folder_does_not_command_the_terminal(
     table.write_text(table.read_text().replace("is empty", "is\x1b]0;owned\x07 \x1b[2Jempty\x9b"))
     code, printed, said = cli("status", out)
     assert code == 0
-    assert "%1B]0;owned %1B[2Jempty" in printed
+    assert "%1B]0;owned%07 %1B[2Jempty" in printed
     lease = {"user": "\x1b[31mmallory", "host": "elsewhere", "process": 1, "token": "t"}
     (out / ".state/lease.json").write_text(json.dumps(lease))
     _, printed, said = cli(*dive.command(out))

@@ -67,8 +67,6 @@ def compare(
             "--joint writes the track of the second dive: give --out, a new or empty folder"
         )
     a, b = open_site(first), open_site(second)
-    if a.posed.run.root.samefile(b.posed.run.root):
-        raise ComparingError(f"{second}: is given as both runs: give another dive of the site")
     cell_m = max(site.posed.map.cell_m["dem_m"] for site in (a, b))
     change = compare_sites(a, b, cell_m, calibration_std(open_run(first)).total)
     _refuse_other_voxels(a, b)  # of one site
