@@ -87,11 +87,13 @@ class SingleKeys(yaml.SafeLoader):
         node = super().compose_mapping_node(anchor)
         known = set()
         for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and key.value in known:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in known:
                 raise yaml.MarkedYAMLError(
                     problem=f"{key.value!r} is given twice, keep one:", problem_mark=key.start_mark
                 )
-            known.add(key.value if isinstance(key, yaml.ScalarNode) else None)
+            known.add(key.value)
         return node
 
 

@@ -286,7 +286,7 @@ class Pipeline:
 
     def _unshifted(self, frame: StereoFrame) -> list[str]:
         """Warnings of a frame that came without a dive: those of files were scaled."""
-        if self.config.input.significant_bits is None:
+        if self.config.input.significant_bits is None or frame.left.dtype != np.uint16:
             return []
         self._brightest = max(self._brightest, int(frame.left.max()), int(frame.right.max()))
         warning = unshifted_warning(frame.left, self._brightest)

@@ -87,12 +87,15 @@ def correct(
         for one, range_of_one in zip(images, ranges, strict=True)
     ]
     found = _like(image, frames)
-    return replace(found, warnings=(*found.warnings, *_doubts(image)))
+    # those of a water that was fitted to these images are among them
+    return replace(found, warnings=tuple(dict.fromkeys((*found.warnings, *_doubts(image)))))
 
 
 def _doubts(image: Any) -> tuple[str, ...]:
     """What is said of the values of an image or batch that is not empty."""
     images = _array(image)
+    if images.dtype != np.uint16:
+        return ()
     rows = images.reshape(-1, *images.shape[-2:])  # those of a batch one below the other
     warning = unshifted_warning(rows, int(rows.max()))
     return (warning,) if warning else ()

@@ -49,6 +49,7 @@ def test_values_of_fewer_bits_are_named(bits: int, is_said: bool) -> None:
     for found in (water, correct(few, range_m, water), fit(*batch), correct(*batch, water)):
         said = "if the camera has 12 bits, multiply them by 16 " in " ".join(found.warnings)
         assert said == is_said
+        assert len({*found.warnings}) == len(found.warnings)
 
 
 @pytest.mark.parametrize("flat_m", [2.0, 2.3])

@@ -31,9 +31,9 @@ def below(lines: Lines) -> Iterator[Lines]:
     content = lines.content
     for above, line in enumerate(lines.all[:MOST_LINES_ABOVE], start=1):
         content = content[1:] if content and content[0][1] == line else content
-        below = replace(lines, all=lines.all[above:], content=content)
-        if content and not any(map(is_number, re.split(r"[,;\t|]\s*|\s", below.header))):
-            yield below
+        rest = replace(lines, all=lines.all[above:], content=content)
+        if content and not any(map(is_number, re.split(r"[,;\t|]\s*|\s", rest.header))):
+            yield rest
 
 
 def of_json(lines: Lines) -> Lines | None:
@@ -89,11 +89,10 @@ def _records(content: Any) -> list[Mapping[str, Any]]:
 
 
 def _lists_of_records(content: Any) -> Iterator[list[Mapping[str, Any]]]:
-    inside = content.values() if isinstance(content, Mapping) else content
     if isinstance(content, list) and all(isinstance(one, Mapping) for one in content):
         yield content
     elif isinstance(content, Mapping | list):
-        for one in inside:
+        for one in content.values() if isinstance(content, Mapping) else content:
             yield from _lists_of_records(one)
 
 

@@ -85,9 +85,11 @@ def _with_lever_arm(before: CorrectedPoses, seen: SeenMotion, index: FrameIndex)
         return before
     T = before.T @ rigid_transform(np.eye(3), -arm[0])
     after = CorrectedPoses(T, seen.misfit(T), (*before.advice, _lever_advice(*arm)))
+    left = seen.cost(after.T)
+    if not (after.misfit < before.misfit and left < ARM_LEAVES * seen.cost(before.T)):
+        return before
     with_one_jump = seen.cost(without_jumps(before.T, seen.edges, index, most=1))
-    most = min(ARM_LEAVES * seen.cost(before.T), with_one_jump)
-    return after if after.misfit < before.misfit and seen.cost(after.T) < most else before
+    return after if left < with_one_jump else before
 
 
 def _lever_advice(arm_m: Array, std_m: Array) -> str:
